@@ -1,0 +1,1 @@
+"""Configuration: the typed schema, composition by Hydra, and every check of what the user typed."""

@@ -1,0 +1,40 @@
+"""What is known of a system: observed states, and what its spectrum is compared with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Data:
+    """Observations of a system.
+
+    Attributes:
+        times: data times in s `(N,)`, ascending, the first is that of the initial state.
+        states: states at those times `(N, n)`.
+        mask: which entries of `states` are observed, so that SOL compares them `(N, n)`.
+    """
+
+    times: Floats
+    states: Floats
+    mask: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What the spectral terms compare the spectra with, one row a spectrum (T rows, K the most pairs of a row).
+
+    Attributes:
+        frequency: of each pair in Hz `(T, K)`, ascending in a row, NaN behind the last.
+        damping: damping ratio of the same pairs `(T, K)`.
+        pairs: number of pairs `(T,)`.
+        stiffness: corridor of the stiffness ratio `(T, 2)`; infinite where the target's ratio is.
+    """
+
+    frequency: Floats
+    damping: Floats
+    pairs: NDArray[np.int64]
+    stiffness: Floats

@@ -1,0 +1,44 @@
+"""The one place that decides how kernels are compiled, and where the machine code is kept.
+
+Numba's own disk cache keys a function by the file it stands in, so that a change in a kernel which it calls goes
+unnoticed, and it writes beside the source, which a read-only site-packages refuses. So the cache lies in a folder of
+the user's, named after a hash of every source file of this package that holds a kernel.
+"""
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import numba
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def _source_hash() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(_PACKAGE.rglob("*.py")):
+        text = source.read_bytes()
+        if b"njit" in text:
+            digest.update(source.relative_to(_PACKAGE).as_posix().encode())
+            digest.update(text)
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = Path(base) / "eigenode" / _source_hash()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = tempfile.TemporaryFile(dir=folder)
+        probe.close()
+    except OSError:
+        folder = Path(tempfile.mkdtemp(prefix="eigenode-cache-"))
+    return folder
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    numba.config.CACHE_DIR = str(_cache_folder())
+
+njit = numba.njit(cache=True, nogil=True, error_model="numpy")
+"""Decorator of every kernel: cached on disk, GIL released, IEEE division. No fastmath: NaN must be seen."""

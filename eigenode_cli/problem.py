@@ -1,0 +1,51 @@
+"""Everything about a training that both engines read, besides the vector field: plain arrays and numbers."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenode_cli.config.schema import SolverConfig
+from eigenode_cli.data import Data, Floats, Targets
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One training problem.
+
+    Attributes:
+        data: observations; the trajectory starts at `data.states[0]` and is compared at `data.times`.
+        targets: one row for every spectrum.
+        every: spectra are taken at `data.times[::every]`.
+        terms: names of the terms whose gradients are wanted, canonical order `(L,)`.
+        errors: error function of each of the six terms `(6,)` (codes of `terms.errors`); `huber_delta` its threshold.
+        margin: stability margin in 1/s.
+        max_condition: guard on eigenvalue condition numbers.
+        jacobian: autodiff | finite_difference | symbolic (the compiled engine computes the exact one).
+        solver: method and tolerances.
+        stabilise: whether a failed solve still gives the spectral terms, on the part that was reached and on the data
+            states together; otherwise all terms of a failed solve are NaN.
+    """
+
+    data: Data
+    targets: Targets
+    every: int
+    terms: tuple[str, ...]
+    errors: NDArray[np.int64]
+    huber_delta: float
+    margin: float
+    max_condition: float
+    jacobian: str
+    solver: SolverConfig
+    stabilise: bool
+
+    @cached_property
+    def spectral_index(self) -> NDArray[np.int64]:
+        """Indices of the data times at which spectra are taken `(T,)`."""
+        return np.arange(0, self.data.times.size, self.every)
+
+    @property
+    def initial_state(self) -> Floats:
+        """State at the first data time `(n,)`."""
+        return self.data.states[0]

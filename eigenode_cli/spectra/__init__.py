@@ -1,0 +1,1 @@
+"""Eigenvalues of the Jacobian along a trajectory, their sensitivities, pairs and tracking."""

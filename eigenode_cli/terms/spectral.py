@@ -1,0 +1,82 @@
+"""The spectral terms together: one call gives the values of several terms and their slopes in all spectra."""
+
+from eigenode_cli.jit import njit
+from eigenode_cli.spectra.pairs import find_partners, match_targets
+from eigenode_cli.terms.dmp import dmp
+from eigenode_cli.terms.frq import frq
+from eigenode_cli.terms.osc import osc
+from eigenode_cli.terms.stb import stb
+from eigenode_cli.terms.stf import stf
+
+SOL, FRQ, DMP, STB, OSC, STF = range(6)
+"""Codes of the terms; their order is the canonical one."""
+
+
+@njit
+def spectral_terms(
+    codes,
+    spectra,
+    frequency,
+    damping,
+    pairs,
+    stiffness,
+    margin,
+    errors,
+    delta,
+    values,
+    slopes,
+    partner,
+    match,
+):
+    """Mean over all spectra of each named spectral term, and its derivative in every eigenvalue.
+
+    A spectrum that is not finite (the solve or the eigenvalue routine did not get there) contributes nothing and is
+    not counted.
+
+    Args:
+        codes: terms to evaluate `(L,)`, each one of FRQ, DMP, STB, OSC, STF; others are left at zero.
+        spectra: eigenvalues `(T, n)` in 1/s.
+        frequency, damping: targets `(T, K)` in Hz and 1, ascending in frequency, NaN behind the last.
+        pairs: number of pairs of the target `(T,)`.
+        stiffness: corridor of the stiffness ratio `(T, 2)`.
+        margin: stability margin in 1/s.
+        errors: error function of each of the six terms `(6,)`; `delta` is Huber's threshold.
+        values: filled with the terms `(L,)`.
+        slopes: filled with `dl/dRe + i dl/dIm` `(L, T, n)`.
+        partner, match: working space `(n,)`.
+
+    Returns:
+        The number of spectra that counted.
+    """
+    times, n = spectra.shape
+    values[:] = 0.0
+    slopes[:] = 0.0
+    counted = 0
+    for t in range(times):
+        spectrum = spectra[t]
+        finite = True
+        for i in range(n):
+            # a difference with itself is zero but for NaN and infinity
+            if not abs(spectrum[i] - spectrum[i]) == 0.0:
+                finite = False
+        if not finite:
+            continue
+        counted += 1
+        find_partners(spectrum, partner)
+        match_targets(spectrum, partner, frequency[t], match)
+        for k in range(codes.size):
+            code, slope = codes[k], slopes[k, t]
+            if code == FRQ:
+                values[k] += frq(spectrum, match, frequency[t], errors[FRQ], delta, slope)
+            elif code == DMP:
+                values[k] += dmp(spectrum, match, damping[t], errors[DMP], delta, slope)
+            elif code == STB:
+                values[k] += stb(spectrum, margin, errors[STB], delta, slope)
+            elif code == OSC:
+                values[k] += osc(spectrum, partner, pairs[t], errors[OSC], delta, slope)
+            elif code == STF:
+                values[k] += stf(spectrum, stiffness[t], errors[STF], delta, slope)
+    if counted > 0:
+        values /= counted
+        slopes /= counted
+    return counted

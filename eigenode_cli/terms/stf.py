@@ -1,0 +1,53 @@
+"""STF: stiffness ratio, the largest over the smallest real part (Sec. 3.3.5)."""
+
+import math
+
+from eigenode_cli.jit import njit
+from eigenode_cli.terms.errors import error_slope, error_value
+
+
+@njit
+def stiffness_ratio(spectrum):
+    """`max|Re lambda| / min|Re lambda|` of one spectrum `(n,)`: 1 for a single pair, infinite where a real part is 0."""
+    largest, smallest = 0.0, math.inf
+    for i in range(spectrum.size):
+        size = abs(spectrum[i].real)
+        largest = max(largest, size)
+        smallest = min(smallest, size)
+    if smallest == 0.0:
+        return 1.0 if largest == 0.0 else math.inf
+    return largest / smallest
+
+
+@njit
+def stf(spectrum, corridor, error, delta, slope):
+    """`eps(max|Re| / min|Re| - sigma)` at one time; sigma is the nearest point of the corridor `[low, high]`.
+
+    A ratio or a corridor that is not finite contributes nothing: the truth's ratio is infinite where a real part of
+    it crosses zero.
+
+    Args:
+        spectrum: eigenvalues `(n,)` in 1/s.
+        corridor: smallest and largest accepted ratio `(2,)`; equal for a value to be met.
+        error, delta: error function (see `errors`) and Huber's threshold.
+        slope: filled with `dl/dRe + i dl/dIm` of every eigenvalue `(n,)`.
+    """
+    n = spectrum.size
+    top, bottom = 0, 0
+    for i in range(n):
+        slope[i] = 0.0
+        if abs(spectrum[i].real) > abs(spectrum[top].real):
+            top = i
+        if abs(spectrum[i].real) < abs(spectrum[bottom].real):
+            bottom = i
+    ratio = stiffness_ratio(spectrum)
+    if not (math.isfinite(ratio) and math.isfinite(corridor[0]) and math.isfinite(corridor[1])):
+        return 0.0
+    difference = ratio - min(max(ratio, corridor[0]), corridor[1])
+    # where all real parts have one modulus (a single pair) the ratio stands at its minimum 1: no direction to go
+    if ratio > 1.0:
+        outer = error_slope(error, delta, difference)
+        real_top, real_bottom = spectrum[top].real, spectrum[bottom].real
+        slope[top] += math.copysign(outer, real_top) / abs(real_bottom)
+        slope[bottom] -= math.copysign(outer, real_bottom) * ratio / abs(real_bottom)
+    return error_value(error, delta, difference)
