@@ -38,3 +38,7 @@ class Targets:
     damping: Floats
     pairs: NDArray[np.int64]
     stiffness: Floats
+
+    def rows(self, index: NDArray[np.int64]) -> "Targets":
+        """The targets of the spectra with these indices, which may repeat."""
+        return Targets(self.frequency[index], self.damping[index], self.pairs[index], self.stiffness[index])

@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 from eigenode_cli.config.schema import SolverConfig
 from eigenode_cli.data import Data, Floats, Targets
 
+REACH = 10.0
+"""A failed solve stabilises with the states that it reached within this multiple of the data's range. Farther out the
+field has left what the data speak of, and its gradients would be of a size that spoils the optimizer's memory."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -25,7 +29,7 @@ class Problem:
         jacobian: autodiff | finite_difference | symbolic (the compiled engine computes the exact one).
         solver: method and tolerances.
         stabilise: whether a failed solve still gives the spectral terms, on the part that was reached and on the data
-            states together; otherwise all terms of a failed solve are NaN.
+            states together, both held constant; otherwise all terms of a failed solve are NaN.
     """
 
     data: Data
@@ -49,3 +53,14 @@ class Problem:
     def initial_state(self) -> Floats:
         """State at the first data time `(n,)`."""
         return self.data.states[0]
+
+    def stabilising_rows(self, reached: Floats) -> NDArray[np.int64]:
+        """Which spectra a failed solve that reached these states `(R, n)` still contributes, as rows of `targets`.
+
+        The leading ones, up to the first state that lies farther out than `REACH` times the data.
+        """
+        index = self.spectral_index
+        rows = np.arange(np.searchsorted(index, reached.shape[0]))
+        limit = REACH * np.abs(self.data.states).max(axis=0)
+        inside = (np.abs(reached[index[rows]]) <= limit).all(axis=1)
+        return rows[np.logical_and.accumulate(inside)]

@@ -58,7 +58,10 @@ class Evaluation:
 class Engine(Protocol):
     """Both engines implement this and nothing more."""
 
+    name: str
+    """As in `engine=`."""
     compile_seconds: float
+    """Time spent on compilation so far."""
 
     def loss_jacobian(self, theta: Floats) -> LossJacobian:
         """Values and gradients of the named terms at the parameters `theta (P,)`."""

@@ -1,7 +1,7 @@
 """Explicit Runge-Kutta methods with dense output, as data that both engines read.
 
 Every method here is written with the first-same-as-last property: the last row of `a` is `b`, so the last stage is
-the derivative at the end of the step. The classical fourth-order method gets such a stage for its dense output.
+the derivative at the end of the step. The fourth-order method of a fixed step gets such a stage for its dense output.
 """
 
 from dataclasses import dataclass
@@ -151,8 +151,9 @@ DOPRI5 = Tableau(
     dense=_quartic(_DOPRI5_A[-1], _DOPRI5_MIDPOINT),
 )
 
-# W. Kutta, Z. Math. Phys. 46 (1901) 435-453, with the derivative at the end as a fifth stage for the dense output.
-_RK4_A = _lower([[], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0], [1 / 6, 1 / 3, 1 / 3, 1 / 6]])
+# W. Kutta, Z. Math. Phys. 46 (1901) 435-453, the 3/8 rule (which torchdiffeq's `rk4` is too), with the derivative at the
+# end as a fifth stage for the dense output.
+_RK4_A = _lower([[], [1 / 3], [-1 / 3, 1.0], [1.0, -1.0, 1.0], [1 / 8, 3 / 8, 3 / 8, 1 / 8]])
 
 RK4 = Tableau(name="rk4", order=4, a=_RK4_A, error=np.zeros(5), dense=_hermite(_RK4_A[-1]))
 

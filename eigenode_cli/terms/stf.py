@@ -48,6 +48,6 @@ def stf(spectrum, corridor, error, delta, slope):
     if ratio > 1.0:
         outer = error_slope(error, delta, difference)
         real_top, real_bottom = spectrum[top].real, spectrum[bottom].real
-        slope[top] += math.copysign(outer, real_top) / abs(real_bottom)
-        slope[bottom] -= math.copysign(outer, real_bottom) * ratio / abs(real_bottom)
+        slope[top] += outer * math.copysign(1.0, real_top) / abs(real_bottom)
+        slope[bottom] -= outer * ratio / real_bottom
     return error_value(error, delta, difference)

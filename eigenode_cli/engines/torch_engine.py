@@ -1,0 +1,137 @@
+"""The reference engine: any torch vector field, torchdiffeq, autograd."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from eigenode_cli.data import Targets
+from eigenode_cli.engines.base import Complexes, Evaluation, Floats, LossJacobian
+from eigenode_cli.field import VectorField, load_flat
+from eigenode_cli.problem import Problem
+from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.trajectory import Trajectory, solve
+from eigenode_cli.spectra.eig import eigvals
+from eigenode_cli.spectra.jacobian import jacobian
+from eigenode_cli.terms import NAMES
+from eigenode_cli.terms.torch_terms import solution_term, spectral_values
+
+UserTerm = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""A user's own term: `(trajectory (N, n), spectra (T, n) complex, data times (N,)) -> scalar`."""
+
+
+@dataclass(frozen=True)
+class _Forward:
+    """One solve with its spectra and term values, still attached to the autograd graph."""
+
+    values: dict[str, Tensor]
+    trajectory: Trajectory
+    spectra: Complexes
+    guard_count: int
+
+
+class TorchEngine:
+    """Loss Jacobian by autograd, one backward pass a named term.
+
+    Args:
+        field: the vector field; its parameters are overwritten at each call.
+        problem: everything else that a training depends on.
+        user_terms: the user's own terms by name.
+    """
+
+    name = "torch"
+    compile_seconds = 0.0
+
+    def __init__(self, field: VectorField, problem: Problem, user_terms: dict[str, UserTerm]) -> None:
+        self.field = field
+        self.problem = problem
+        self.user_terms = user_terms
+        self._parameters = tuple(field.parameters())
+        self._times = torch.from_numpy(problem.data.times)
+        self._start = torch.from_numpy(problem.initial_state)
+
+    def loss_jacobian(self, theta: Floats, steps: list[float] | None = None) -> LossJacobian:
+        """See `Engine.loss_jacobian`; `steps` holds the solver to given step sizes."""
+        load_flat(self.field, theta)
+        forward = self._forward(self.problem.terms, steps)
+        values = np.array([float(forward.values[term].detach()) for term in self.problem.terms])
+        gradients = np.stack([self._gradient(forward.values[term]) for term in self.problem.terms])
+        return LossJacobian(
+            values=values,
+            gradients=gradients,
+            trajectory=forward.trajectory.padded(self._times.numel()),
+            spectra=forward.spectra,
+            status=forward.trajectory.status,
+            n_accepted=forward.trajectory.n_accepted,
+            n_rejected=forward.trajectory.n_rejected,
+            guard_count=forward.guard_count,
+        )
+
+    @torch.no_grad()
+    def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
+        """See `Engine.evaluate`."""
+        load_flat(self.field, theta)
+        forward = self._forward((*NAMES, *self.user_terms), None)
+        dense = solve(self.field, self._start, torch.from_numpy(times), self.problem.solver).padded(times.size)
+        return Evaluation(
+            values=np.array([float(value) for value in forward.values.values()]),
+            trajectory=forward.trajectory.padded(self._times.numel()),
+            spectra=forward.spectra,
+            status=forward.trajectory.status,
+            n_accepted=forward.trajectory.n_accepted,
+            n_rejected=forward.trajectory.n_rejected,
+            dense=dense,
+        )
+
+    def _forward(self, terms: tuple[str, ...], steps: list[float] | None) -> _Forward:
+        problem = self.problem
+        trajectory = solve(self.field, self._start, self._times, problem.solver, steps)
+        index = problem.spectral_index
+        reached = int(np.searchsorted(index, trajectory.states.shape[0]))
+        spectra, guard_count = self._spectra(trajectory.states[index[:reached]])
+        along = np.full((index.size, self._start.numel()), np.nan, dtype=np.complex128)
+        along[:reached] = spectra.detach().numpy()
+        targets = problem.targets
+        if trajectory.status is not Status.OK and problem.stabilise:
+            row = problem.stabilising_rows(trajectory.states.detach().numpy())
+            states = np.concatenate([trajectory.states.detach().numpy()[index[row]], problem.data.states[index]])
+            spectra, guard_count = self._spectra(torch.from_numpy(states))
+            targets = targets.rows(np.concatenate([row, np.arange(index.size)]))
+        values = self._values(terms, trajectory, spectra, targets)
+        return _Forward(values, trajectory, along, guard_count)
+
+    def _spectra(self, states: Tensor) -> tuple[Tensor, int]:
+        matrices = jacobian(self.field, states, self.problem.jacobian)
+        values, fired = eigvals(matrices, self.problem.max_condition)
+        return values, int(fired.sum())
+
+    def _values(
+        self, terms: tuple[str, ...], trajectory: Trajectory, spectra: Tensor, targets: Targets
+    ) -> dict[str, Tensor]:
+        """The named terms, NaN where a failed solve leaves them undefined."""
+        problem = self.problem
+        undefined = torch.tensor(np.nan, dtype=torch.float64)
+        values = dict.fromkeys(terms, undefined)
+        solved = trajectory.status is Status.OK
+        if solved or problem.stabilise:
+            spectral = [term for term in terms if term in NAMES[1:]]
+            vector = spectral_values(
+                spectra, spectral, targets, problem.margin, problem.errors, problem.huber_delta
+            )
+            values.update(zip(spectral, vector, strict=True))
+        if solved:
+            if "sol" in values:
+                values["sol"] = solution_term(trajectory.states, problem.data, problem.errors[0], problem.huber_delta)
+            for name in self.user_terms.keys() & values.keys():
+                values[name] = self.user_terms[name](trajectory.states, spectra, self._times)
+        return values
+
+    def _gradient(self, value: Tensor) -> Floats:
+        """Parameter gradient `(P,)` of one term: zero where no parameter enters it, NaN where it is undefined."""
+        if not value.requires_grad:
+            blank = 0.0 if torch.isfinite(value) else np.nan
+            return np.full(sum(p.numel() for p in self._parameters), blank)
+        rows = torch.autograd.grad(value, self._parameters, retain_graph=True, materialize_grads=True)
+        return torch.cat([row.reshape(-1) for row in rows]).numpy()

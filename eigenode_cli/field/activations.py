@@ -1,0 +1,34 @@
+"""Activations of a multilayer perceptron by name, with the derivative that the symbolic Jacobian needs."""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+
+def _sigmoid_slope(z: Tensor) -> Tensor:
+    s = torch.sigmoid(z)
+    return s * (1.0 - s)
+
+
+def _silu_slope(z: Tensor) -> Tensor:
+    s = torch.sigmoid(z)
+    return s * (1.0 + z * (1.0 - s))
+
+
+def _elu_slope(z: Tensor) -> Tensor:
+    return torch.where(z > 0.0, torch.ones_like(z), torch.exp(torch.clamp(z, max=0.0)))
+
+
+ACTIVATIONS: dict[str, tuple[Callable[[Tensor], Tensor], Callable[[Tensor], Tensor]]] = {
+    "tanh": (torch.tanh, lambda z: 1.0 - torch.tanh(z) ** 2),
+    "sigmoid": (torch.sigmoid, _sigmoid_slope),
+    "relu": (torch.relu, lambda z: (z > 0.0).to(z)),
+    "softplus": (F.softplus, torch.sigmoid),
+    "silu": (F.silu, _silu_slope),
+    "elu": (F.elu, _elu_slope),
+    "sin": (torch.sin, torch.cos),
+    "identity": (lambda z: z, torch.ones_like),
+}
+"""Name to (value, derivative)."""

@@ -1,0 +1,78 @@
+"""What a finished training says about the learned system: solution.csv and eigenvalues.csv."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from eigenode_cli.config.schema import StatedTargetConfig, TargetConfig
+from eigenode_cli.data import Data, Floats
+from eigenode_cli.engines.base import Complexes, Engine
+from eigenode_cli.field import VectorField
+from eigenode_cli.problem import Problem
+from eigenode_cli.recorder import write_table
+from eigenode_cli.reference import reference_solution
+from eigenode_cli.spectra.eig import eig
+from eigenode_cli.spectra.jacobian import jacobian
+from eigenode_cli.spectra.tracking import assign, track
+from eigenode_cli.systems import System
+
+INTERVALS = 1000
+"""Intervals of the solution's grid in one training horizon."""
+
+
+def write_solution(
+    folder: Path, system: System, engine: Engine, theta: Floats, data: Data, horizon: float
+) -> None:
+    """solution.csv: truth and model on a dense grid over twice the horizon."""
+    times = np.linspace(0.0, 2.0 * horizon, 2 * INTERVALS + 1)
+    truth = reference_solution(system, data.states[0], times)
+    model = engine.evaluate(theta, times).dense
+    part = np.where(np.arange(times.size) <= INTERVALS, "train", "beyond")
+    names = [state.name for state in system.states]
+    header = ["t", *(f"truth_{name}" for name in names), *(f"model_{name}" for name in names), "horizon"]
+    rows = [[*numbers, str(name)] for numbers, name in zip(np.column_stack([times, truth, model]).tolist(), part, strict=True)]
+    write_table(folder / "solution.csv", header, rows)
+
+
+def stated_spectrum(target: StatedTargetConfig) -> Complexes:
+    """Eigenvalues `(2 K,)` of stated pairs: `|lambda| = 2 pi f / sqrt(1 - d^2)`, `Re lambda = -d |lambda|`."""
+    imag = 2.0 * np.pi * np.asarray(target.frequency, dtype=np.float64)
+    ratio = np.asarray(target.damping, dtype=np.float64)
+    upper = -ratio * imag / np.sqrt(1.0 - ratio**2) + 1j * imag
+    return np.concatenate([upper, upper.conj()])
+
+
+def write_eigenvalues(
+    folder: Path,
+    system: System,
+    field: VectorField,
+    engine: Engine,
+    theta: Floats,
+    problem: Problem,
+    target: TargetConfig,
+) -> None:
+    """eigenvalues.csv: the model's eigenvalues at all data times along its trajectory, tracked, with their targets."""
+    times, count = problem.data.times, problem.data.times.size
+    states = engine.evaluate(theta, times).dense
+    reached = np.isfinite(states).all(axis=1)
+    n = states.shape[1]
+    spectra = np.full((count, n), np.nan, dtype=np.complex128)
+    vectors = np.full((count, n, n), np.nan, dtype=np.complex128)
+    with torch.no_grad():
+        matrices = jacobian(field, torch.from_numpy(states[reached]), problem.jacobian)
+        result = eig(matrices, problem.max_condition)
+    spectra[reached], vectors[reached] = result.eigenvalues.numpy(), result.eigenvectors.numpy()
+    order = track(spectra, vectors)
+    spectra = np.take_along_axis(spectra, order, axis=1)
+    if isinstance(target, StatedTargetConfig):
+        targets = np.tile(stated_spectrum(target), (count, 1))
+    else:
+        targets = np.linalg.eigvals(system.jacobian(problem.data.states)).astype(np.complex128)
+    rows = []
+    for time, spectrum, wanted in zip(times, spectra, targets, strict=True):
+        matched = assign(spectrum, wanted)
+        for mode, value in enumerate(spectrum):
+            goal = wanted[matched[mode]] if matched[mode] >= 0 else complex(np.nan, np.nan)
+            rows.append([float(time), mode, value.real, value.imag, goal.real, goal.imag])
+    write_table(folder / "eigenvalues.csv", ["t", "mode", "re", "im", "target_re", "target_im"], rows)

@@ -1,0 +1,182 @@
+"""What a run writes into its folder, so that everything later (figures, report, resume) needs the folder alone."""
+
+import csv
+import json
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
+
+from eigenode_cli.data import Data, Floats
+from eigenode_cli.engines.base import Evaluation
+from eigenode_cli.terms import NAMES
+
+COLUMNS = ("step", "train_seconds", "lr", *NAMES, "max_real", "n_accepted", "n_rejected", "status", "dense_error")
+"""Columns of metrics.csv; the user's own terms follow behind."""
+
+
+@dataclass
+class Progress:
+    """Where a training stands, besides its parameters and the optimizer's state."""
+
+    step: int = 0
+    train_seconds: float = 0.0
+    unsolvable_steps: int = 0
+    """Steps whose solve failed."""
+    unsolvable_since: int | None = None
+    """First step of the failures that go on now, None while solves succeed."""
+    guard_count: int = 0
+    """Eigenvalue sensitivities that the condition guard has bounded so far."""
+
+
+def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+    """Let `write` fill a file beside `path`, then put it in the place of `path` in one move."""
+    draft = path.with_name(path.name + ".draft")
+    write(draft)
+    os.replace(draft, path)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write `content` as JSON, atomically; NaN and infinity become null."""
+    text = json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
+    write_atomically(path, lambda draft: draft.write_text(text) and None)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def cell(value: float | int | str) -> str:
+    """A number as it stands in a CSV file: all digits, empty where it is not defined."""
+    if isinstance(value, float):
+        return repr(float(value)) if np.isfinite(value) else ""
+    return str(value)
+
+
+class Recorder:
+    """Writes metrics.csv and the checkpoints of one run.
+
+    Args:
+        folder: the run's folder.
+        names: all terms in the order of `Evaluation.values`.
+        truth: the truth's first state at the dense times `(D,)`.
+    """
+
+    def __init__(self, folder: Path, names: Sequence[str], truth: Floats) -> None:
+        self.folder = folder
+        self.names = tuple(names)
+        self._truth = truth
+        self._checkpoints = folder / "checkpoints"
+        self._checkpoints.mkdir(parents=True, exist_ok=True)
+        self._file: TextIO | None = None
+
+    @property
+    def _metrics(self) -> Path:
+        return self.folder / "metrics.csv"
+
+    def open(self, resume_from: int | None) -> None:
+        """Start metrics.csv, or cut it behind the step that the training is resumed from and go on there."""
+        header = [*COLUMNS, *(name for name in self.names if name not in NAMES)]
+        lines = [",".join(header)]
+        if resume_from is not None and self._metrics.exists():
+            rows = self._metrics.read_text().splitlines(keepends=True)[1:]
+            complete = [row.rstrip("\n") for row in rows if row.endswith("\n")]
+            lines += [row for row in complete if int(row.split(",", 1)[0]) < resume_from]
+        text = "\n".join(lines) + "\n"
+        write_atomically(self._metrics, lambda draft: draft.write_text(text) and None)
+        self._file = self._metrics.open("a", newline="")
+
+    def close(self) -> None:
+        """Close metrics.csv."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def record(self, progress: Progress, lr: float, evaluation: Evaluation) -> dict[str, Any]:
+        """Append one row to metrics.csv and return it."""
+        losses = dict(zip(self.names, (float(value) for value in evaluation.values), strict=True))
+        real = evaluation.spectra.real
+        row: dict[str, Any] = {
+            "step": progress.step,
+            "train_seconds": round(progress.train_seconds, 6),
+            "lr": lr,
+            **{name: losses[name] for name in NAMES},
+            "max_real": float(np.nanmax(real)) if np.isfinite(real).any() else float("nan"),
+            "n_accepted": evaluation.n_accepted,
+            "n_rejected": evaluation.n_rejected,
+            "status": evaluation.status.label,
+            "dense_error": float(np.mean(np.abs(evaluation.dense[:, 0] - self._truth))),
+            **{name: losses[name] for name in self.names if name not in NAMES},
+        }
+        if self._file is None:
+            raise RuntimeError("the recorder is not open")
+        csv.writer(self._file, lineterminator="\n").writerow([cell(value) for value in row.values()])
+        self._file.flush()
+        return row
+
+    def checkpoint(self, step: int, network: dict[str, torch.Tensor]) -> None:
+        """Write the network's float64 state_dict as `checkpoints/step-NNNNNN.safetensors`."""
+        path = self._checkpoints / f"step-{step:06d}.safetensors"
+        tensors = {name: tensor.detach().contiguous() for name, tensor in network.items()}
+        write_atomically(path, lambda draft: save_file(tensors, draft, metadata={"step": str(step)}))
+
+    def save_last(self, progress: Progress, theta: Floats, optimizer: dict[str, Floats]) -> None:
+        """Write what resume needs.
+
+        `last.safetensors` is the one that counts: the JSON stands in its header too, so that a kill between the two
+        files can't leave a pair that does not belong together.
+        """
+        tensors = {"theta": torch.from_numpy(theta.copy()), "random_state": torch.get_rng_state()}
+        tensors |= {f"optimizer.{name}": torch.from_numpy(array.copy()) for name, array in optimizer.items()}
+        state = vars(progress)
+        header = {"progress": json.dumps(state)}
+        path = self._checkpoints / "last.safetensors"
+        write_atomically(path, lambda draft: save_file(tensors, draft, metadata=header))
+        write_json(self._checkpoints / "last.json", state)
+
+
+def load_last(folder: Path) -> tuple[Progress, Floats, dict[str, Floats]] | None:
+    """Progress, parameters `(P,)` and optimizer state as `save_last` wrote them; None where nothing was saved yet.
+
+    Sets torch's random state to the saved one.
+    """
+    path = folder / "checkpoints" / "last.safetensors"
+    if not path.exists():
+        return None
+    with safe_open(path, framework="pt") as file:
+        progress = Progress(**json.loads(file.metadata()["progress"]))
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a dict
+    torch.set_rng_state(tensors.pop("random_state"))
+    theta = tensors.pop("theta").numpy().copy()
+    return progress, theta, {name.removeprefix("optimizer."): t.numpy().copy() for name, t in tensors.items()}
+
+
+def write_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[float | int | str]]) -> None:
+    """Write a CSV file with all digits, atomically."""
+
+    def write(draft: Path) -> None:
+        with draft.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(header)
+            writer.writerows([cell(value) for value in row] for row in rows)
+
+    write_atomically(path, write)
+
+
+def write_data(folder: Path, states: Sequence[str], data: Data) -> None:
+    """Write data.csv: the observations that SOL compares, empty where a state is not observed."""
+    observed = np.where(data.mask, data.states, np.nan)
+    rows = np.column_stack([data.times, observed]).tolist()
+    write_table(folder / "data.csv", ["t", *states], rows)

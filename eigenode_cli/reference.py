@@ -1,0 +1,82 @@
+"""The reference solution of a system, and what is sampled from it: data, targets, the truth of a figure."""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from eigenode_cli.data import Data, Floats, Targets
+from eigenode_cli.spectra.pairs import REAL, find_partners
+from eigenode_cli.systems.base import System
+from eigenode_cli.terms.stf import stiffness_ratio
+
+TOLERANCE = 1e-10
+"""Relative and absolute tolerance of the reference solution."""
+
+
+def reference_solution(system: System, initial_state: Floats, times: Floats) -> Floats:
+    """States `(D, n)` of the system at `times (D,)` in s, ascending from 0, by SciPy's DOP853 at 1e-10.
+
+    Raises:
+        ValueError: the system itself cannot be solved over these times.
+    """
+    solution = solve_ivp(
+        lambda _t, x: system.dynamics(x),
+        (0.0, float(times[-1])),
+        initial_state,
+        method="DOP853",
+        t_eval=times,
+        rtol=TOLERANCE,
+        atol=TOLERANCE,
+    )
+    if not solution.success or solution.y.shape[1] != times.size:
+        raise ValueError(f"{system.title}: the reference solution stops before {times[-1]} s: {solution.message}")
+    return solution.y.T
+
+
+def sample(system: System, initial_state: Floats, horizon: float, points: int, observed: list[str]) -> Data:
+    """Data `(N, n)` at `points` equidistant times from 0 to `horizon` in s; `observed` names the states SOL sees."""
+    times = np.linspace(0.0, horizon, points)
+    states = reference_solution(system, initial_state, times)
+    seen = np.array([state.name in observed for state in system.states])
+    return Data(times=times, states=states, mask=np.broadcast_to(seen, states.shape).copy())
+
+
+def targets_of_spectra(spectra: np.ndarray) -> Targets:
+    """Targets as they follow from given spectra `(T, n)` in 1/s: pairs, their frequency and damping, stiffness."""
+    count, n = spectra.shape
+    frequency = np.full((count, max(1, n // 2)), np.nan)
+    damping = np.full_like(frequency, np.nan)
+    pairs = np.zeros(count, dtype=np.int64)
+    stiffness = np.zeros((count, 2))
+    partner = np.empty(n, dtype=np.int64)
+    for t, spectrum in enumerate(np.ascontiguousarray(spectra)):
+        pairs[t] = find_partners(spectrum, partner)
+        upper = spectrum[(partner != REAL) & (spectrum.imag > 0.0)]
+        upper = upper[np.argsort(upper.imag, kind="stable")]
+        frequency[t, : upper.size] = upper.imag / (2.0 * np.pi)
+        damping[t, : upper.size] = -upper.real / np.abs(upper)
+        stiffness[t] = stiffness_ratio(spectrum)
+    return Targets(frequency=frequency, damping=damping, pairs=pairs, stiffness=stiffness)
+
+
+def truth_targets(system: System, states: Floats) -> Targets:
+    """Targets of the truth at the states `(T, n)` of its own trajectory."""
+    return targets_of_spectra(np.linalg.eigvals(system.jacobian(states)).astype(np.complex128))
+
+
+def stated_targets(frequency: list[float], damping: list[float], count: int) -> Targets:
+    """Targets stated by the user, the same for `count` spectra: damped frequencies in Hz and damping ratios.
+
+    The stiffness ratio is that of the stated pairs, `max|Re| / min|Re|`.
+    """
+    order = np.argsort(frequency, kind="stable")
+    damped = np.asarray(frequency, dtype=np.float64)[order]
+    ratio = np.asarray(damping, dtype=np.float64)[order]
+    real = 2.0 * np.pi * damped * ratio / np.sqrt(np.maximum(1.0 - ratio**2, np.finfo(np.float64).tiny))
+    size = np.abs(real)
+    stiffness = np.inf if size.min() == 0.0 < size.max() else 1.0 if size.max() == 0.0 else size.max() / size.min()
+    return Targets(
+        frequency=np.tile(damped, (count, 1)),
+        damping=np.tile(ratio, (count, 1)),
+        pairs=np.full(count, damped.size, dtype=np.int64),
+        stiffness=np.full((count, 2), stiffness),
+    )

@@ -1,0 +1,262 @@
+"""One run: from a configuration to a folder with curves."""
+
+import shlex
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import torch
+from omegaconf import OmegaConf
+
+from eigenode_cli import __version__
+from eigenode_cli.combine import COMBINATIONS, sequential_repeating_last
+from eigenode_cli.config.schema import CombineConfig, SequentialConfig, StatedTargetConfig, TrainConfig
+from eigenode_cli.console import display
+from eigenode_cli.data import Data, Floats, Targets
+from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.select import build_engine, load_user_terms
+from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
+from eigenode_cli.optimizer import build_optimizer
+from eigenode_cli.outcome import write_eigenvalues, write_solution
+from eigenode_cli.problem import Problem
+from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
+from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets
+from eigenode_cli.systems import SYSTEMS, System
+from eigenode_cli.terms import NAMES, canonical, split_grads
+from eigenode_cli.terms.errors import ERRORS
+from eigenode_cli.trainer import Trainer, Unsolvable, summary
+
+DENSE = 1000
+"""Number of equidistant times of the horizon at which dense_error compares."""
+
+PACKAGES = ("torch", "torchdiffeq", "numba", "numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib")
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The parts that a configuration describes, built."""
+
+    config: TrainConfig
+    system: System
+    data: Data
+    problem: Problem
+    field: VectorField
+    engine: Engine
+    names: tuple[str, ...]
+    """All terms that are recorded: the six and the user's own."""
+
+
+def build(config: TrainConfig) -> Setup:
+    """Build everything that a run needs, in the order of the data flow.
+
+    Raises:
+        ValueError: something that only shows when it is built: a system without a solution, a term without a function.
+    """
+    torch.set_num_threads(1)  # the matrices are small, and a launcher's setting must not change a result
+    torch.manual_seed(config.seed)
+    system: System = SYSTEMS[config.system.dynamics](config.system)
+    start = np.array(config.system.initial_state, dtype=np.float64)
+    data = sample(system, start, config.system.horizon, config.system.points, config.system.observed)
+    terms = canonical(split_grads(config.grads))
+    problem = Problem(
+        data=data,
+        targets=build_targets(config, system, data),
+        every=config.eigen.every,
+        terms=terms,
+        errors=np.array([ERRORS[getattr(config.error, name)] for name in NAMES], dtype=np.int64),
+        huber_delta=config.error.huber_delta,
+        margin=config.eigen.margin,
+        max_condition=config.eigen.max_condition,
+        jacobian=config.eigen.jacobian,
+        solver=config.solver,
+        stabilise=config.trainer.on_unsolvable == "stabilise",
+    )
+    field = build_field(config.network, data.states, system.dynamics(data.states), config.seed)
+    user_terms = load_user_terms(config.terms)
+    engine = build_engine(config.engine.name, field, problem, user_terms)
+    return Setup(config, system, data, problem, field, engine, (*NAMES, *sorted(user_terms)))
+
+
+def build_targets(config: TrainConfig, system: System, data: Data) -> Targets:
+    """The targets of every spectrum."""
+    states = data.states[:: config.eigen.every]
+    target = config.target
+    if isinstance(target, StatedTargetConfig):
+        targets = stated_targets(target.frequency, target.damping, states.shape[0])
+    else:
+        targets = truth_targets(system, states)
+    if target.stiffness is not None:
+        targets.stiffness[:] = target.stiffness
+    return targets
+
+
+def combination(config: CombineConfig) -> Callable[[Floats], Floats]:
+    """The combination that a configuration names."""
+    if isinstance(config, SequentialConfig) and config.repeat_last_update:
+        return sequential_repeating_last
+    return COMBINATIONS[config.name]
+
+
+def train(config: TrainConfig, folder: Path) -> int:
+    """Run one training in `folder`; returns the exit status (0 done, 1 failed, 130 interrupted)."""
+    return _attended(config, folder, previous=None)
+
+
+def resume(config: TrainConfig, folder: Path, previous: dict[str, Any]) -> int:
+    """Go on with the run in `folder` from what it saved last; `previous` is its run.json."""
+    return _attended(config, folder, previous)
+
+
+def _attended(config: TrainConfig, folder: Path, previous: dict[str, Any] | None) -> int:
+    """Run a training so that run.json tells how it ended, whatever happens."""
+    clock = perf_counter()
+    record = _identity(config, previous)
+    earlier = record["wall_seconds"]
+    write_json(folder / "run.json", record)
+    exit_status = 0
+    try:
+        setup = build(config)
+        record |= _description(setup)
+        write_json(folder / "run.json", record)
+        _train(setup, folder, record, resumed=previous is not None)
+        record["status"] = "finished"
+    except KeyboardInterrupt:
+        record |= {"status": "interrupted", "error": "interrupted by the user"}
+        exit_status = 130
+    except Unsolvable as error:
+        record |= {"status": "failed", "error": str(error)}
+        exit_status = 1
+    except Exception as error:  # whatever it was: the folder tells, a sweep goes on
+        (folder / "error.txt").write_text(traceback.format_exc())
+        record |= {"status": "failed", "error": f"{type(error).__name__}: {error} (traceback in error.txt)"}
+        exit_status = 1
+    record["wall_seconds"] = earlier + perf_counter() - clock
+    _close(folder, record)
+    return exit_status
+
+
+def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool) -> None:
+    """Train from the start, or from what was saved last, and write the outcome; fills `record` as it gets there."""
+    config, horizon = setup.config, setup.config.system.horizon
+    saved = load_last(folder) if resumed else None
+    theta = flat_parameters(setup.field)
+    optimizer = build_optimizer(config.optimizer, theta.size)
+    progress = Progress()
+    if saved is not None:
+        progress, theta, state = saved
+        for name, array in optimizer.state().items():
+            array[:] = state[name]
+    dense_times = np.linspace(0.0, horizon, DENSE)
+    truth = reference_solution(setup.system, setup.problem.initial_state, dense_times)
+    recorder = Recorder(folder, setup.names, truth[:, 0])
+    write_data(folder, [state.name for state in setup.system.states], setup.data)
+    label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
+    recorder.open(progress.step if saved is not None else None)
+    try:
+        with display(label, progress.step, config.trainer.steps) as shown:
+            trainer = Trainer(
+                engine=setup.engine,
+                optimizer=optimizer,
+                combination=combination(config.combine),
+                terms=setup.problem.terms,
+                scales=np.array([config.scale.get(term, 1.0) for term in setup.problem.terms]),
+                config=config.trainer,
+                recorder=recorder,
+                display=shown,
+                dense_times=dense_times,
+                theta=theta,
+                network=partial(_network_state, setup.field),
+                progress=progress,
+            )
+            last = trainer.run()
+    finally:
+        recorder.close()
+        record |= {
+            "steps": progress.step,
+            "train_seconds": progress.train_seconds,
+            "compile_seconds": setup.engine.compile_seconds,
+            "unsolvable_steps": progress.unsolvable_steps,
+            "guard_count": progress.guard_count,
+        }
+    record["final"] = last
+    load_flat(setup.field, theta)
+    write_solution(folder, setup.system, setup.engine, theta, setup.data, config.system.horizon)
+    write_eigenvalues(folder, setup.system, setup.field, setup.engine, theta, setup.problem)
+    print(summary(last, progress))
+
+
+def _network_state(field: VectorField, theta: Floats) -> dict[str, torch.Tensor]:
+    load_flat(field, theta)
+    return field.network.state_dict()
+
+
+def _identity(config: TrainConfig, previous: dict[str, Any] | None) -> dict[str, Any]:
+    """What is known of a run before anything is built."""
+    previous = previous or {}
+    return {
+        "status": "running",
+        "error": None,
+        "seed": config.seed,
+        "grads": "+".join(canonical(split_grads(config.grads))),
+        "config": OmegaConf.to_container(OmegaConf.structured(config), resolve=True),
+        "command": previous.get("command") or shlex.join(["eigenode", *sys.argv[1:]]),
+        "versions": {"eigenode": __version__, "python": sys.version.split()[0], **_versions()},
+        "git_commit": _git_commit(),
+        "started": previous.get("started") or datetime.now(UTC).isoformat(timespec="seconds"),
+        "steps": 0,
+        "train_seconds": 0.0,
+        "compile_seconds": 0.0,
+        "wall_seconds": previous.get("wall_seconds") or 0.0,
+        "final": {},
+    }
+
+
+def _description(setup: Setup) -> dict[str, Any]:
+    """What is known of a run once its parts are built."""
+    return {
+        "engine": setup.engine.name,
+        "parameters": sum(p.numel() for p in setup.field.parameters()),
+        "system": {
+            "name": setup.config.system.name,
+            "title": setup.system.title,
+            "states": [asdict(state) for state in setup.system.states],
+            "parameters": [asdict(parameter) for parameter in setup.system.parameters],
+        },
+    }
+
+
+def _versions() -> dict[str, str]:
+    return {package: version(package) for package in PACKAGES}
+
+
+def _git_commit() -> str | None:
+    """Commit of the checkout that this package runs from, None for an installed one."""
+    here = Path(__file__).resolve().parent
+    if not (here.parent / ".git").exists():
+        return None
+    git = subprocess.run(["git", "-C", here, "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
+    return git.stdout.strip() or None
+
+
+def _close(folder: Path, record: dict[str, Any]) -> None:
+    """Draw and report what there is, and write run.json last; then tell where everything is."""
+    if record["final"]:
+        draw_run(folder)
+    write_json(folder / "run.json", record)
+    if record["final"]:
+        write_report(folder)
+    if record["status"] == "finished":
+        print(f"run     {folder}\nfigures {folder / 'plots'}\nreport  {folder / 'report.html'}")
+    else:
+        print(f"eigenode: {record['status']}: {record['error']}", file=sys.stderr)
+        if record["status"] == "interrupted":
+            print(f"go on with: eigenode resume {folder}", file=sys.stderr)

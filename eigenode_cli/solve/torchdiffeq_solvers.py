@@ -1,0 +1,157 @@
+"""The integrators of the torch engine: torchdiffeq's own, and Tsit5 within the same Runge-Kutta framework.
+
+Three things are ours, for every adaptive method: the PI controller that both engines share, steps that are constants
+for differentiation (torchdiffeq lets gradients leak through the choice of the first one), and a stage loop without
+in-place tricks, so that forward-mode differentiation passes through a solve as well as reverse mode.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+from torchdiffeq._impl.adaptive_heun import AdaptiveHeunSolver
+from torchdiffeq._impl.bosh3 import Bosh3Solver
+from torchdiffeq._impl.dopri5 import Dopri5Solver
+from torchdiffeq._impl.dopri8 import Dopri8Solver
+from torchdiffeq._impl.fehlberg2 import Fehlberg2
+from torchdiffeq._impl.fixed_grid import RK4, Euler, Heun3, Midpoint
+from torchdiffeq._impl.misc import _compute_error_ratio, _rms_norm, _select_initial_step
+from torchdiffeq._impl.rk_common import RKAdaptiveStepsizeODESolver, _ButcherTableau, _RungeKuttaState
+
+from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
+from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.tableau import TSIT5
+
+
+class SolveStopped(Exception):
+    """Raised inside a solve that cannot go on; `solve` turns it into the status of the trajectory."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status.label)
+        self.status = status
+
+
+class Tsit5Solver(RKAdaptiveStepsizeODESolver):
+    """Tsitouras' 5(4) pair with its own fourth-order interpolant (see `solve.tableau.TSIT5`)."""
+
+    order = 5
+    tableau = _ButcherTableau(
+        alpha=torch.from_numpy(TSIT5.c[1:].copy()),
+        beta=[torch.from_numpy(TSIT5.a[i, :i].copy()) for i in range(1, 7)],
+        c_sol=torch.from_numpy(TSIT5.b.copy()),
+        c_error=torch.from_numpy(TSIT5.error.copy()),
+    )
+    mid = torch.from_numpy(TSIT5.dense @ (0.5 ** torch.arange(1, 5, dtype=torch.float64).numpy()))
+    dense = torch.from_numpy(TSIT5.dense.copy())
+
+    def _interp_fit(self, y0: Tensor, y1: Tensor, k: Tensor, dt: Tensor) -> list[Tensor]:
+        del y1
+        return [y0, *(dt * (k @ self.dense)).unbind(-1)]
+
+
+class SteppedSolver(RKAdaptiveStepsizeODESolver):
+    """Mixed in before one of torchdiffeq's adaptive methods: controls, counts and records its steps.
+
+    Attributes:
+        end: last output time; the step that would pass it is clipped.
+        max_attempts: accepted and rejected steps after which the solve stops.
+        replay: step sizes to take, each accepted without a question, or None to choose them.
+    """
+
+    def prepare(self, end: float, max_attempts: int, replay: list[float] | None) -> None:
+        """Set what the constructor of torchdiffeq's classes has no place for."""
+        self.end = end
+        self.max_attempts = max_attempts
+        self.replay = replay
+        self.steps: list[float] = []
+        self.n_rejected = 0
+        self._last_ratio = SMALLEST_RATIO
+        self._last_finite = True
+        last_row, weights = self.tableau.beta[-1], self.tableau.c_sol
+        self._same_as_last = bool(weights[-1] == 0 and torch.equal(weights[:-1], last_row))
+
+    def _before_integrate(self, t: Tensor) -> None:
+        start, y0 = t[0], self.y0
+        f0 = self.func(start, y0)
+        if not torch.isfinite(f0).all():
+            raise SolveStopped(Status.NON_FINITE)
+        with torch.no_grad():
+            first = _select_initial_step(
+                self.func, start, y0.detach(), self.order - 1, self.rtol, self.atol, self.norm, f0=f0.detach()
+            )
+        self.rk_state = _RungeKuttaState(y0, f0, start, start, first, [y0] * 5)
+
+    def _adaptive_step(self, rk_state: Any) -> Any:
+        y0, f0, _, start, proposed, interp_coeff = rk_state
+        size, clipped = self._step_size(float(start), float(proposed))
+        y1, f1, error, k = self._trial(y0, f0, size)
+        ratio = self._error_ratio(y0, y1, f1, error)
+        following = next_step(size, ratio, self._last_ratio, self.order)
+        if self.replay is None and not ratio <= 1.0:
+            self.n_rejected += 1
+            return _RungeKuttaState(y0, f0, start, start, _scalar(following), interp_coeff)
+        if not self._last_finite:  # only a replayed step gets here: it leads nowhere
+            raise SolveStopped(Status.NON_FINITE)
+        self._last_ratio = max(ratio, SMALLEST_RATIO)
+        self.steps.append(size)
+        end = _scalar(self.end) if clipped else start + size
+        return _RungeKuttaState(y1, f1, start, end, _scalar(following), self._interp_fit(y0, y1, k, _scalar(size)))
+
+    def _step_size(self, start: float, proposed: float) -> tuple[float, bool]:
+        if self.replay is not None:
+            size = self.replay[len(self.steps)]
+            return size, len(self.steps) + 1 == len(self.replay)
+        if len(self.steps) + self.n_rejected >= self.max_attempts:
+            raise SolveStopped(Status.MAX_STEPS)
+        clipped = start + proposed >= self.end
+        size = self.end - start if clipped else proposed
+        if not size > SMALLEST_STEP * abs(start) or start + size == start:
+            raise SolveStopped(Status.UNDERFLOW if self._last_finite else Status.NON_FINITE)
+        return size, clipped
+
+    def _trial(self, y0: Tensor, f0: Tensor, size: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        stages = [f0]
+        y = y0
+        for row in self.tableau.beta:
+            y = y0 + size * (torch.stack(stages, dim=-1) @ row)
+            stages.append(self.func(None, y))
+        k = torch.stack(stages, dim=-1)
+        if self._same_as_last:
+            y1, f1 = y, stages[-1]
+        else:
+            y1 = y0 + size * (k @ self.tableau.c_sol)
+            f1 = self.func(None, y1)
+        return y1, f1, size * (k.detach() @ self.tableau.c_error), k
+
+    def _error_ratio(self, y0: Tensor, y1: Tensor, f1: Tensor, error: Tensor) -> float:
+        with torch.no_grad():
+            self._last_finite = bool(torch.isfinite(y1).all() and torch.isfinite(f1).all())
+            ratio = float(_compute_error_ratio(error, self.rtol, self.atol, y0, y1, self.norm))
+        if not ratio < float("inf"):
+            self._last_finite = False
+        return ratio if self._last_finite else float("inf")
+
+
+def _scalar(value: float) -> Tensor:
+    return torch.tensor(value, dtype=torch.float64)
+
+
+def _stepped(method: type[RKAdaptiveStepsizeODESolver]) -> type[SteppedSolver]:
+    return type(method.__name__, (SteppedSolver, method), {})
+
+
+ADAPTIVE: dict[str, type[SteppedSolver]] = {
+    "tsit5": _stepped(Tsit5Solver),
+    "dopri5": _stepped(Dopri5Solver),
+    "bosh3": _stepped(Bosh3Solver),
+    "dopri8": _stepped(Dopri8Solver),
+    "adaptive_heun": _stepped(AdaptiveHeunSolver),
+    "fehlberg2": _stepped(Fehlberg2),
+}
+"""Adaptive methods by the name that `solver=` takes."""
+
+FIXED: dict[str, type[Any]] = {"rk4": RK4, "euler": Euler, "midpoint": Midpoint, "heun3": Heun3}
+"""Fixed-step methods by the name that `solver=` takes."""
+
+rms_norm = _rms_norm
+"""The norm of the error control."""

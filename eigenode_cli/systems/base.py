@@ -1,0 +1,44 @@
+"""What a system is: dynamics, analytic Jacobian, states with units."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class State:
+    """One state: its name in files, its unit, and its symbol in figures (matplotlib math text)."""
+
+    name: str
+    unit: str
+    symbol: str
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a system with its value and unit."""
+
+    name: str
+    value: float
+    unit: str
+
+
+class System(ABC):
+    """The ground truth `dx/dt = f(x)`, autonomous, with everything about it that is known exactly."""
+
+    title: str
+    """Name for people, as it stands over a figure."""
+    states: tuple[State, ...]
+    parameters: tuple[Parameter, ...]
+
+    @abstractmethod
+    def dynamics(self, x: Floats) -> Floats:
+        """State derivative `(..., n)` at the states `x (..., n)`."""
+
+    @abstractmethod
+    def jacobian(self, x: Floats) -> Floats:
+        """Analytic `A = df/dx (..., n, n)` at the states `x (..., n)`."""

@@ -1,0 +1,84 @@
+"""The terms as torch functions: the compiled kernels with their slopes, differentiable in reverse and forward mode."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.autograd.function import FunctionCtx, once_differentiable
+
+from eigenode_cli.data import Data, Targets
+from eigenode_cli.terms import NAMES
+from eigenode_cli.terms.sol import sol
+from eigenode_cli.terms.spectral import spectral_terms
+
+
+class _Linearised(torch.autograd.Function):
+    """A vector of values whose slopes were computed along with them: `values (L,)`, `slopes (L, *shape of x)`.
+
+    The derivative of value l in direction dx is `Re sum conj(slopes[l]) dx`.
+    """
+
+    @staticmethod
+    def forward(x: Tensor, values: Tensor, slopes: Tensor) -> Tensor:
+        del x, slopes
+        return values.clone()
+
+    @staticmethod
+    def setup_context(ctx: FunctionCtx, inputs: tuple[Any, ...], output: Tensor) -> None:
+        ctx.save_for_backward(inputs[2])
+        ctx.save_for_forward(inputs[2])
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
+        (slopes,) = ctx.saved_tensors
+        return torch.tensordot(grad.to(slopes.dtype), slopes, dims=1), None, None
+
+    @staticmethod
+    def jvp(ctx: Any, dx: Tensor, *_: None) -> Tensor:
+        (slopes,) = ctx.saved_tensors
+        return (slopes.conj() * dx).flatten(1).sum(1).real.clone()
+
+
+def solution_term(states: Tensor, data: Data, error: int, huber_delta: float) -> Tensor:
+    """SOL of the trajectory `(N, n)`, a scalar."""
+    trajectory = states.detach().numpy()
+    slope = np.empty_like(trajectory)
+    value = sol(trajectory, data.states, data.mask, error, huber_delta, slope)
+    return _Linearised.apply(states, torch.tensor([value], dtype=torch.float64), torch.from_numpy(slope[None]))[0]
+
+
+def spectral_values(
+    spectra: Tensor,
+    terms: Sequence[str],
+    targets: Targets,
+    margin: float,
+    errors: np.ndarray,
+    huber_delta: float,
+) -> Tensor:
+    """The named spectral terms `(L,)` of `spectra (T, n)` in 1/s; arguments as in `spectral_terms`."""
+    eigenvalues = np.ascontiguousarray(spectra.detach().resolve_conj().numpy())
+    count, n = eigenvalues.shape
+    values = np.empty(len(terms))
+    slopes = np.empty((len(terms), count, n), dtype=np.complex128)
+    space = np.empty((2, n), dtype=np.int64)
+    counted = spectral_terms(
+        np.array([NAMES.index(term) for term in terms], dtype=np.int64),
+        eigenvalues,
+        targets.frequency,
+        targets.damping,
+        targets.pairs,
+        targets.stiffness,
+        margin,
+        errors,
+        huber_delta,
+        values,
+        slopes,
+        space[0],
+        space[1],
+    )
+    if counted == 0:
+        values[:] = np.nan
+    return _Linearised.apply(spectra, torch.from_numpy(values), torch.from_numpy(slopes))

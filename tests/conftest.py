@@ -1,0 +1,86 @@
+"""Small problems that several tests share."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from eigenode_cli.config.schema import (
+    AdaptiveSolverConfig,
+    MlpConfig,
+    OscillatorConfig,
+    SolverConfig,
+    VanDerPolConfig,
+)
+from eigenode_cli.field import VectorField, build_field
+from eigenode_cli.problem import Problem
+from eigenode_cli.reference import sample, truth_targets
+from eigenode_cli.systems import SYSTEMS, System
+from eigenode_cli.terms import NAMES
+
+PAPER_SYSTEMS = ("oscillator", "sparse_oscillator", "vdp")
+
+
+@dataclass
+class Case:
+    """A system with the paper's data, and the problem that asks for all six terms."""
+
+    name: str
+    system: System
+    initial_state: list[float]
+    horizon: float
+    points: int
+    options: dict[str, object] = field(default_factory=dict)
+
+    def problem(self, **changes: object) -> Problem:
+        start = np.array(self.initial_state)
+        data = sample(self.system, start, self.horizon, self.points, [self.system.states[0].name])
+        options: dict[str, object] = {
+            "data": data,
+            "targets": truth_targets(self.system, data.states),
+            "every": 1,
+            "terms": NAMES,
+            "errors": np.zeros(6, dtype=np.int64),
+            "huber_delta": 1.0,
+            "margin": 0.0,
+            "max_condition": 1e4,
+            "jacobian": "autodiff",
+            "solver": AdaptiveSolverConfig(name="tsit5", rtol=1e-3, atol=1e-6, max_steps=10_000),
+            "stabilise": True,
+        }
+        return Problem(**(options | changes))  # type: ignore[arg-type]
+
+    def field(self, seed: int = 0, **changes: object) -> VectorField:
+        options: dict[str, object] = {
+            "name": "mlp",
+            "structure": "second_order",
+            "hidden": [32],
+            "activation": "tanh",
+            "init": "glorot",
+            "input_scaling": "none",
+            "output_scaling": "none",
+        }
+        data = self.problem().data
+        config = MlpConfig(**(options | changes))  # type: ignore[arg-type]
+        return build_field(config, data.states, self.system.dynamics(data.states), seed)
+
+
+def make_case(name: str) -> Case:
+    if name == "vdp":
+        return Case(name, SYSTEMS["vdp"](VanDerPolConfig(mu=2.0)), [2.0, 0.0], 30.0, 91)
+    if name == "sparse_oscillator":
+        system = SYSTEMS["oscillator"](OscillatorConfig(c=(2.0 * np.pi) ** 2, d=0.5, m=1.0))
+        return Case(name, system, [1.0, 0.0], 9.75, 14)
+    system = SYSTEMS["oscillator"](OscillatorConfig(c=25.0, d=0.05, m=1.0))
+    return Case(name, system, [1.0, 0.0], 10.0, 101)
+
+
+@pytest.fixture(params=PAPER_SYSTEMS)
+def case(request: pytest.FixtureRequest) -> Case:
+    """Each of the paper's systems in turn."""
+    return make_case(request.param)
+
+
+def solver(name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000) -> SolverConfig:
+    """An adaptive solver's configuration."""
+    return AdaptiveSolverConfig(name=name, rtol=rtol, atol=atol, max_steps=max_steps)

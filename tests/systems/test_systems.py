@@ -1,0 +1,59 @@
+"""Every system: Jacobian by complex step, exact solutions, the reference solution's accuracy."""
+
+import numpy as np
+import pytest
+
+from eigenode_cli.config.schema import OscillatorConfig, VanDerPolConfig
+from eigenode_cli.reference import reference_solution, sample, stated_targets, targets_of_spectra, truth_targets
+from eigenode_cli.systems import SYSTEMS, System
+
+OSCILLATOR = SYSTEMS["oscillator"](OscillatorConfig(c=25.0, d=0.05, m=2.0))
+VDP = SYSTEMS["vdp"](VanDerPolConfig(mu=2.0))
+
+
+@pytest.mark.parametrize("system", [OSCILLATOR, VDP], ids=lambda s: s.title)
+def test_jacobian_is_that_of_the_dynamics(system: System) -> None:
+    states = np.random.default_rng(1).normal(size=(5, 2))
+    jacobian = system.jacobian(states)
+    for i in range(2):
+        step = np.zeros(2, dtype=np.complex128)
+        step[i] = 1e-30j
+        column = system.dynamics(states + step).imag / 1e-30  # type: ignore[arg-type]  # the complex step
+        np.testing.assert_allclose(jacobian[..., i], column, rtol=1e-14, atol=1e-14)
+
+
+def test_every_registered_system_is_tested_here() -> None:
+    assert set(SYSTEMS) == {"oscillator", "vdp"}
+
+
+def test_oscillator_follows_its_closed_form() -> None:
+    system = SYSTEMS["oscillator"](OscillatorConfig(c=25.0, d=0.05, m=1.0))
+    times = np.linspace(0.0, 10.0, 101)
+    decay, omega = 0.025, np.sqrt(25.0 - 0.025**2)
+    exact = np.exp(-decay * times) * (np.cos(omega * times) + decay / omega * np.sin(omega * times))
+    states = reference_solution(system, np.array([1.0, 0.0]), times)
+    np.testing.assert_allclose(states[:, 0], exact, atol=1e-8)
+    targets = truth_targets(system, states)
+    assert (targets.pairs == 1).all()
+    np.testing.assert_allclose(targets.frequency[:, 0], omega / (2.0 * np.pi), rtol=1e-12)
+    np.testing.assert_allclose(targets.damping[:, 0], decay / 5.0, rtol=1e-12)
+    np.testing.assert_allclose(targets.stiffness, 1.0)
+
+
+def test_van_der_pol_has_a_pair_at_18_percent_of_the_data_times() -> None:
+    data = sample(VDP, np.array([2.0, 0.0]), 30.0, 91, ["nu"])
+    assert data.states.shape == (91, 2)
+    assert data.mask[:, 0].all()
+    assert not data.mask[:, 1].any()
+    assert truth_targets(VDP, data.states).pairs.mean() == pytest.approx(0.18, abs=0.02)
+    assert np.abs(data.states[:, 0]).max() == pytest.approx(2.02, abs=0.02)  # the limit cycle's amplitude
+
+
+def test_stated_targets_are_those_of_the_same_spectrum() -> None:
+    pairs = np.array([[-0.3 + 9.0j, -0.3 - 9.0j, -0.8 + 4.0j, -0.8 - 4.0j]])
+    known = targets_of_spectra(pairs)
+    stated = stated_targets(
+        [9.0 / (2 * np.pi), 4.0 / (2 * np.pi)], [0.3 / abs(-0.3 + 9.0j), 0.8 / abs(-0.8 + 4.0j)], 1
+    )
+    for name in ("frequency", "damping", "pairs", "stiffness"):
+        np.testing.assert_allclose(getattr(stated, name), getattr(known, name), rtol=1e-12)

@@ -1,0 +1,217 @@
+"""The term kernels against a plain transcription of the paper's equations under autograd, and their exact properties."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from eigenode_cli.data import Data, Targets
+from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.terms import NAMES
+from eigenode_cli.terms.errors import ERRORS
+from eigenode_cli.terms.torch_terms import solution_term, spectral_values
+
+DELTA = 0.3
+ERROR_FUNCTIONS: dict[str, Callable[[Tensor], Tensor]] = {
+    "mae": torch.abs,
+    "mse": lambda r: r**2,
+    "huber": lambda r: torch.where(r.abs() <= DELTA, 0.5 * r**2, DELTA * (r.abs() - 0.5 * DELTA)),
+}
+
+
+def errors(kind: str) -> np.ndarray:
+    return np.full(6, ERRORS[kind], dtype=np.int64)
+
+
+def value_of(term: str, spectra: Tensor, targets: Targets, kind: str = "mae", margin: float = 0.0) -> Tensor:
+    return spectral_values(spectra, [term], targets, margin, errors(kind), DELTA)[0]
+
+
+def spectrum(*values: complex) -> Tensor:
+    return torch.tensor([values], dtype=torch.complex128)
+
+
+# Model and target spectra with distinct everything: pairs and real ones, stable and unstable, 2 and 4 eigenvalues.
+PAIR = spectrum(-0.2 + 3.0j, -0.2 - 3.0j)
+UNSTABLE_PAIR = spectrum(0.4 + 2.0j, 0.4 - 2.0j)
+REAL = spectrum(1.5, -0.5)
+TWO_PAIRS = spectrum(-0.1 + 9.0j, 0.3 + 4.0j, 0.3 - 4.0j, -0.1 - 9.0j)
+PAIR_AND_REAL = spectrum(2.0, -0.3 + 5.0j, -0.3 - 5.0j, -1.0)
+FOUR_REAL = spectrum(0.5, -3.0, 1.25, -1.0)
+TARGETS = {2: [spectrum(-0.5 + 2.0j, -0.5 - 2.0j), spectrum(-1.0, -4.0)], 4: [spectrum(-1 + 3j, -1 - 3j, -2 + 8j, -2 - 8j)]}
+MODELS = [PAIR, UNSTABLE_PAIR, REAL, TWO_PAIRS, PAIR_AND_REAL, FOUR_REAL]
+
+
+def transcription(term: str, lam: Tensor, goal: Tensor, kind: str) -> Tensor:
+    """The paper's equations for one spectrum, normalised as published, by plain torch operations."""
+    eps = ERROR_FUNCTIONS[kind]
+    model_pairs = sorted((z for z in lam if z.imag > 0), key=lambda z: z.imag.item())
+    goal_pairs = sorted((z for z in goal if z.imag > 0), key=lambda z: z.imag.item())
+    size = lam.numel()
+    zero = torch.zeros((), dtype=torch.float64)
+    if term == "stb":
+        return sum((eps(torch.clamp(z.real, min=0.0)) for z in lam), zero) / size
+    if term == "stf":
+        real, wanted = lam.real.abs(), goal.real.abs()
+        return eps(real.max() / real.min() - wanted.max() / wanted.min())
+    if term == "osc":
+        reals = torch.sort(torch.stack([z.real for z in lam if z.imag == 0])).values if len(model_pairs) * 2 < size else zero[None]
+        gaps = [eps(reals[i] - reals[i + 1]) for i in range(reals.numel() - 1)]
+        missing = len(goal_pairs) - len(model_pairs)
+        if missing <= 0:
+            return zero
+        return (gaps[0] + gaps[2] if missing == 2 else min(gaps, key=lambda gap: gap.item())) / size
+    if term == "frq":
+        pairs = [(2.0 * eps(a.imag.abs() / (2 * math.pi) - b.imag / (2 * math.pi))) for a, b in matched(model_pairs, goal_pairs)]
+    else:
+        pairs = [2.0 * eps(-a.real / a.abs() + b.real / b.abs()) for a, b in matched(model_pairs, goal_pairs)]
+    return sum(pairs, zero) / size
+
+
+def matched(model: list[Tensor], goal: list[Tensor]) -> list[tuple[Tensor, Tensor]]:
+    if len(model) == len(goal):
+        return list(zip(model, goal, strict=True))
+    if len(model) == 1:
+        return [(model[0], min(goal, key=lambda g: abs(g.imag.item() - model[0].imag.item())))]
+    assert not model
+    return []
+
+
+@pytest.mark.parametrize("kind", ERRORS)
+@pytest.mark.parametrize("term", NAMES[1:])
+@pytest.mark.parametrize("model", MODELS, ids=lambda m: " ".join(f"{z:.1f}" for z in m[0].tolist()))
+def test_value_and_slope_are_those_of_the_equation(term: str, model: Tensor, kind: str) -> None:
+    for goal in TARGETS[model.shape[1]]:
+        targets = targets_of_spectra(goal.numpy())
+        if term in ("frq", "dmp") and targets.pairs[0] == 0 and bool((model.imag != 0).any()):
+            assert float(value_of(term, model, targets, kind)) == 0.0  # acts only where both sides have a pair
+            continue
+        kernel_input = model.clone().requires_grad_()
+        plain_input = model.clone().requires_grad_()
+        ours = value_of(term, kernel_input, targets, kind)
+        # members of a pair enter the transcription once, the kernel's sum over both members weighs them equally
+        theirs = transcription(term, plain_input[0], goal[0], kind)
+        torch.testing.assert_close(ours, theirs, rtol=1e-14, atol=1e-15)
+        (our_slope,) = torch.autograd.grad(ours, kernel_input)
+        their_slope = (
+            torch.autograd.grad(theirs, plain_input)[0] if theirs.requires_grad else torch.zeros_like(plain_input)
+        )
+        # along directions that keep the spectrum that of a real matrix, the only ones that exist
+        for direction in conjugate_directions(model[0]):
+            ours_along = float((our_slope.conj() * direction).real.sum())
+            theirs_along = float((their_slope.conj() * direction).real.sum())
+            assert ours_along == pytest.approx(theirs_along, rel=1e-12, abs=1e-14)
+
+
+def conjugate_directions(lam: Tensor) -> list[Tensor]:
+    directions = []
+    for i, z in enumerate(lam):
+        if z.imag < 0:
+            continue
+        for unit in (1.0, 1.0j):
+            if z.imag == 0 and unit == 1.0j:
+                continue
+            d = torch.zeros(1, lam.numel(), dtype=torch.complex128)
+            d[0, i] = unit
+            if z.imag > 0:
+                partner = int((lam - z.conj()).abs().argmin())
+                d[0, partner] = np.conj(unit)
+            directions.append(d)
+    return directions
+
+
+@pytest.mark.parametrize("term", NAMES[1:])
+def test_forward_and_reverse_mode_agree(term: str) -> None:
+    goal = torch.cat([TARGETS[2][0], TARGETS[2][0], TARGETS[2][0]])
+    model = torch.cat([PAIR, UNSTABLE_PAIR, REAL])
+    targets = targets_of_spectra(goal.numpy())
+    direction = torch.randn(3, 2, dtype=torch.complex128, generator=torch.Generator().manual_seed(3))
+    value = lambda lam: value_of(term, lam, targets)  # noqa: E731
+    with torch.autograd.forward_ad.dual_level():
+        dual = torch.autograd.forward_ad.make_dual(model, direction)
+        forward = torch.autograd.forward_ad.unpack_dual(value(dual)).tangent
+    lam = model.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(value(lam), lam)
+    assert float((slope.conj() * direction).real.sum()) == pytest.approx(float(forward), rel=1e-13, abs=1e-15)
+
+
+@pytest.mark.parametrize("term", NAMES[1:])
+@pytest.mark.parametrize("model", [TWO_PAIRS, PAIR_AND_REAL, FOUR_REAL])
+def test_permutation_of_the_spectrum_changes_nothing(term: str, model: Tensor) -> None:
+    targets = targets_of_spectra(TARGETS[4][0].numpy())
+    value = float(value_of(term, model, targets))
+    for shift in range(1, 4):
+        assert float(value_of(term, model.roll(shift, dims=1), targets)) == pytest.approx(value, rel=1e-15)
+
+
+def test_exact_values() -> None:
+    targets = targets_of_spectra(spectrum(-1.0 + 2.0j, -1.0 - 2.0j).numpy())
+    assert float(value_of("frq", PAIR, targets)) == pytest.approx(1.0 / (2.0 * math.pi))
+    assert float(value_of("stb", UNSTABLE_PAIR, targets)) == pytest.approx(0.4)
+    assert float(value_of("stb", REAL, targets)) == pytest.approx(0.75)
+    assert float(value_of("osc", REAL, targets)) == pytest.approx(1.0)
+    assert float(value_of("osc", PAIR, targets)) == 0.0
+    assert float(value_of("stf", REAL, targets)) == pytest.approx(2.0)  # 3 against 1 of a single pair
+    assert float(value_of("dmp", spectrum(-1.0 + 2.0j, -1.0 - 2.0j), targets)) == 0.0
+
+
+def test_margin_asks_for_more_than_the_border() -> None:
+    targets = targets_of_spectra(PAIR.numpy())
+    assert float(value_of("stb", PAIR, targets, margin=0.1)) == 0.0
+    assert float(value_of("stb", PAIR, targets, margin=0.5)) == pytest.approx(0.3)
+
+
+def test_stiffness_corridor() -> None:
+    targets = targets_of_spectra(PAIR.numpy())
+    for corridor, value in (([1.0, 5.0], 0.0), ([1.0, 2.0], 1.0), ([4.0, 5.0], 1.0), ([1.0, 1.0], 2.0)):
+        targets.stiffness[:] = corridor
+        assert float(value_of("stf", REAL, targets)) == pytest.approx(value)
+
+
+def test_infinite_stiffness_contributes_nothing() -> None:
+    infinite = targets_of_spectra(spectrum(0.0, -1.0).numpy())
+    assert np.isinf(infinite.stiffness).all()
+    assert float(value_of("stf", REAL, infinite)) == 0.0
+    finite = targets_of_spectra(REAL.numpy())
+    lam = spectrum(0.0, -1.0).requires_grad_()
+    value = value_of("stf", lam, finite)
+    assert value.item() == 0.0
+    assert bool((torch.autograd.grad(value, lam)[0] == 0).all())
+
+
+def test_spectra_that_are_not_finite_do_not_count() -> None:
+    targets = targets_of_spectra(torch.cat([PAIR, PAIR]).numpy())
+    broken = torch.cat([spectrum(complex(math.nan, 0.0), 1.0), UNSTABLE_PAIR])
+    assert float(value_of("stb", broken, targets)) == pytest.approx(0.4)
+    assert math.isnan(float(value_of("stb", broken[:1], targets)))
+
+
+def test_solution_term_is_the_mean_over_what_is_observed() -> None:
+    states = torch.tensor([[1.0, 9.0], [2.0, 9.0], [4.0, 9.0]], dtype=torch.float64, requires_grad=True)
+    mask = np.array([[True, False], [False, False], [True, False]])
+    data = Data(np.arange(3.0), np.array([[0.0, 0.0], [0.0, 0.0], [7.0, 0.0]]), mask)
+    value = solution_term(states, data, ERRORS["mae"], DELTA)
+    assert float(value.detach()) == pytest.approx(2.0)
+    (slope,) = torch.autograd.grad(value, states)
+    assert slope.tolist() == [[0.5, 0.0], [0.0, 0.0], [-0.5, 0.0]]
+
+
+@given(
+    st.lists(st.floats(0.1, 9.0), min_size=1, max_size=5, unique=True),
+    st.lists(st.floats(0.1, 9.0), min_size=1, max_size=5, unique=True),
+)
+def test_matching_is_the_optimal_assignment(model: list[float], goal: list[float]) -> None:
+    """Dynamic programming over the sorted lists finds what SciPy's assignment finds."""
+    from scipy.optimize import linear_sum_assignment
+
+    n = 2 * len(model)
+    lam = np.array([[sign * 2j * math.pi * f - 0.1 for f in model for sign in (1, -1)]])
+    targets = targets_of_spectra(np.array([[sign * 2j * math.pi * f - 0.1 for f in goal for sign in (1, -1)]]))
+    cost = np.abs(np.subtract.outer(model, goal))
+    optimum = 2.0 * cost[linear_sum_assignment(cost)].sum() / n
+    assert float(value_of("frq", torch.from_numpy(lam), targets)) == pytest.approx(optimum, rel=1e-9, abs=1e-12)

@@ -1,0 +1,43 @@
+"""Our optimizers against torch.optim on the same sequence of gradients."""
+
+import numpy as np
+import pytest
+import torch
+
+from eigenode_cli.config.schema import AdamConfig, SgdConfig
+from eigenode_cli.optimizer import build_optimizer
+
+CASES = [
+    (
+        AdamConfig(name="adam", lr=3e-3, beta1=0.8, beta2=0.99, eps=1e-8),
+        lambda p: torch.optim.Adam([p], lr=3e-3, betas=(0.8, 0.99), eps=1e-8),
+    ),
+    (SgdConfig(name="sgd", lr=1e-2, momentum=0.9), lambda p: torch.optim.SGD([p], lr=1e-2, momentum=0.9)),
+]
+
+
+@pytest.mark.parametrize(("config", "peer"), CASES, ids=["adam", "sgd"])
+def test_same_path_as_torch(config, peer) -> None:  # noqa: ANN001
+    generator = np.random.default_rng(5)
+    theta = generator.normal(size=7)
+    parameter = torch.nn.Parameter(torch.from_numpy(theta.copy()))
+    ours, theirs = build_optimizer(config, 7), peer(parameter)
+    for _ in range(50):
+        gradient = generator.normal(size=7)
+        ours.update(theta, gradient)
+        parameter.grad = torch.from_numpy(gradient)
+        theirs.step()
+    np.testing.assert_allclose(theta, parameter.detach().numpy(), rtol=1e-13, atol=1e-15)
+
+
+@pytest.mark.parametrize("config", [case[0] for case in CASES], ids=["adam", "sgd"])
+def test_state_is_all_that_the_next_update_depends_on(config) -> None:  # noqa: ANN001
+    first, theta = build_optimizer(config, 3), np.ones(3)
+    for k in range(4):
+        first.update(theta, np.array([1.0, -2.0, 0.5]) * k)
+    second, copy = build_optimizer(config, 3), theta.copy()
+    for name, array in second.state().items():
+        array[:] = first.state()[name]
+    first.update(theta, np.ones(3))
+    second.update(copy, np.ones(3))
+    assert theta.tobytes() == copy.tobytes()
