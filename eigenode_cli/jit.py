@@ -42,3 +42,9 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 
 njit = numba.njit(cache=True, nogil=True, error_model="numpy")
 """Decorator of every kernel: cached on disk, GIL released, IEEE division. No fastmath: NaN must be seen."""
+
+njit_fused = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+"""The same for elementary functions: a product and a sum may become one fused operation, nothing else may move."""
+
+njit_sums = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+"""The same for sums of products: their order may change, so that reductions vectorise. NaN and infinity still count."""

@@ -14,6 +14,7 @@ from eigenode_cli.recorder import write_table
 from eigenode_cli.reference import reference_solution
 from eigenode_cli.spectra.eig import eig
 from eigenode_cli.spectra.jacobian import jacobian
+from eigenode_cli.spectra.pairs import UNMATCHED
 from eigenode_cli.spectra.tracking import assign, track
 from eigenode_cli.systems import System
 
@@ -31,7 +32,8 @@ def write_solution(
     part = np.where(np.arange(times.size) <= INTERVALS, "train", "beyond")
     names = [state.name for state in system.states]
     header = ["t", *(f"truth_{name}" for name in names), *(f"model_{name}" for name in names), "horizon"]
-    rows = [[*numbers, str(name)] for numbers, name in zip(np.column_stack([times, truth, model]).tolist(), part, strict=True)]
+    numbers = np.column_stack([times, truth, model]).tolist()
+    rows = [[*row, str(name)] for row, name in zip(numbers, part, strict=True)]
     write_table(folder / "solution.csv", header, rows)
 
 
@@ -69,10 +71,13 @@ def write_eigenvalues(
         targets = np.tile(stated_spectrum(target), (count, 1))
     else:
         targets = np.linalg.eigvals(system.jacobian(problem.data.states)).astype(np.complex128)
-    rows = []
+    rows: list[list[float | int | str]] = []
     for time, spectrum, wanted in zip(times, spectra, targets, strict=True):
-        matched = assign(spectrum, wanted)
-        for mode, value in enumerate(spectrum):
-            goal = wanted[matched[mode]] if matched[mode] >= 0 else complex(np.nan, np.nan)
-            rows.append([float(time), mode, value.real, value.imag, goal.real, goal.imag])
+        mode_of = assign(spectrum, wanted)
+        goals = np.full(n, complex(np.nan, np.nan))
+        goals[mode_of[mode_of != UNMATCHED]] = wanted[mode_of != UNMATCHED]
+        rows += [
+            [float(time), mode, value.real, value.imag, goal.real, goal.imag]
+            for mode, (value, goal) in enumerate(zip(spectrum.tolist(), goals.tolist(), strict=True))
+        ]
     write_table(folder / "eigenvalues.csv", ["t", "mode", "re", "im", "target_re", "target_im"], rows)

@@ -25,11 +25,13 @@ from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.select import build_engine, load_user_terms
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
+from eigenode_cli.figures import draw_run
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
 from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets
+from eigenode_cli.report import write_report
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
@@ -190,7 +192,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool) ->
     record["final"] = last
     load_flat(setup.field, theta)
     write_solution(folder, setup.system, setup.engine, theta, setup.data, config.system.horizon)
-    write_eigenvalues(folder, setup.system, setup.field, setup.engine, theta, setup.problem)
+    write_eigenvalues(folder, setup.system, setup.field, setup.engine, theta, setup.problem, config.target)
     print(summary(last, progress))
 
 

@@ -3,10 +3,14 @@
 Each choice of a group has a class of its own with exactly the options that it reads, so that an option which the
 chosen method would ignore is an unknown key. Importing this module costs nothing: no torch, no Numba.
 """
+# ruff: noqa: RUF009  # option() is dataclasses.field() with a constraint
 
 from dataclasses import dataclass
 
 from omegaconf import MISSING
+
+from eigenode_cli.config import names
+from eigenode_cli.config.constraint import option
 
 
 @dataclass
@@ -14,12 +18,14 @@ class SystemConfig:
     """Ground truth and how it is observed; each system adds its own parameters, with units, in a subclass."""
 
     name: str = MISSING
+    """The choice that `system=` made: what folders, files and figures show."""
+    dynamics: str = MISSING
     """Registered system (see `eigenode_cli.systems`)."""
     initial_state: list[float] = MISSING
     """State at time 0, one value a state."""
-    horizon: float = MISSING
+    horizon: float = option(above=0)
     """Time of the last data point in s."""
-    points: int = MISSING
+    points: int = option(at_least=2)
     """Number of equidistant data times, both ends included."""
     observed: list[str] = MISSING
     """Names of the states that the data shows and SOL compares."""
@@ -33,7 +39,7 @@ class OscillatorConfig(SystemConfig):
     """Spring constant in N/m."""
     d: float = MISSING
     """Damping constant in N s/m."""
-    m: float = MISSING
+    m: float = option(above=0)
     """Mass in kg."""
 
 
@@ -50,7 +56,7 @@ class NetworkConfig:
     """The learned part of the vector field."""
 
     name: str = MISSING
-    structure: str = MISSING
+    structure: str = option(choices=names.STRUCTURES)
     """How the network's output becomes dx/dt: second_order | full."""
 
 
@@ -58,15 +64,15 @@ class NetworkConfig:
 class MlpConfig(NetworkConfig):
     """Multilayer perceptron."""
 
-    hidden: list[int] = MISSING
+    hidden: list[int] = option(at_least=1)
     """Width of each hidden layer."""
-    activation: str = MISSING
+    activation: str = option(choices=names.ACTIVATIONS)
     """Activation of the hidden layers; the output layer is linear."""
-    init: str = MISSING
+    init: str = option(choices=names.INITS)
     """Initial weights: glorot | uniform01 | kaiming."""
-    input_scaling: str = MISSING
+    input_scaling: str = option(choices=names.SCALINGS)
     """none | max_abs: divide each state by its largest modulus in the data."""
-    output_scaling: str = MISSING
+    output_scaling: str = option(choices=names.SCALINGS)
     """none | max_abs: multiply each output by the largest modulus of that derivative in the data."""
 
 
@@ -74,8 +80,8 @@ class MlpConfig(NetworkConfig):
 class PolynomialConfig(NetworkConfig):
     """All monomials of the states up to a degree, with learned coefficients."""
 
-    degree: int = MISSING
-    spread: float = MISSING
+    degree: int = option(at_least=0)
+    spread: float = option(at_least=0)
     """Initial coefficients are uniform in [-spread, spread]."""
 
 
@@ -90,9 +96,9 @@ class SolverConfig:
 class AdaptiveSolverConfig(SolverConfig):
     """Embedded Runge-Kutta method with step-size control."""
 
-    rtol: float = MISSING
-    atol: float = MISSING
-    max_steps: int = MISSING
+    rtol: float = option(above=0)
+    atol: float = option(above=0)
+    max_steps: int = option(at_least=1)
     """Attempted steps after which a solve ends with the status max_steps."""
 
 
@@ -100,7 +106,7 @@ class AdaptiveSolverConfig(SolverConfig):
 class FixedSolverConfig(SolverConfig):
     """Method with a fixed step."""
 
-    step: float = MISSING
+    step: float = option(above=0)
     """Step size in s."""
 
 
@@ -109,7 +115,7 @@ class OptimizerConfig:
     """Turns updates into new parameters."""
 
     name: str = MISSING
-    lr: float = MISSING
+    lr: float = option(above=0)
     """Learning rate."""
 
 
@@ -117,16 +123,16 @@ class OptimizerConfig:
 class AdamConfig(OptimizerConfig):
     """Adam (Kingma & Ba 2015)."""
 
-    beta1: float = MISSING
-    beta2: float = MISSING
-    eps: float = MISSING
+    beta1: float = option(at_least=0, below=1)
+    beta2: float = option(at_least=0, below=1)
+    eps: float = option(above=0)
 
 
 @dataclass
 class SgdConfig(OptimizerConfig):
     """Gradient descent with momentum."""
 
-    momentum: float = MISSING
+    momentum: float = option(at_least=0, below=1)
 
 
 @dataclass
@@ -137,6 +143,14 @@ class CombineConfig:
 
 
 @dataclass
+class SequentialConfig(CombineConfig):
+    """One optimizer step for each gradient."""
+
+    repeat_last_update: bool = MISSING
+    """Apply the last update of a training step once more (a quirk of the authors' first code)."""
+
+
+@dataclass
 class EngineConfig:
     """What computes the loss Jacobian."""
 
@@ -144,21 +158,29 @@ class EngineConfig:
 
 
 @dataclass
+class CompiledEngineConfig(EngineConfig):
+    """Machine code from Numba."""
+
+    sensitivity: str = option(choices=names.SENSITIVITIES)
+    """How the solver's sensitivities are computed: auto | forward | adjoint."""
+
+
+@dataclass
 class TargetConfig:
     """What the spectral terms compare the spectrum with."""
 
     name: str = MISSING
-    stiffness: list[float] | None = None
-    """Corridor [low, high] of the stiffness ratio in place of the target's own; [1, 1] for a fast simulation."""
+    stiffness: list[float] | None = option(at_least=1)
+    """Corridor [low, high] of the stiffness ratio instead of the target's own, or null; [1, 1] for fast simulation."""
 
 
 @dataclass
 class StatedTargetConfig(TargetConfig):
     """Targets stated by the user, the same at all times."""
 
-    frequency: list[float] = MISSING
+    frequency: list[float] = option(above=0)
     """Frequency |Im|/2 pi of each pair in Hz (the damped one)."""
-    damping: list[float] = MISSING
+    damping: list[float] = option(above=-1, below=1)
     """Damping ratio of each pair, in the same order."""
 
 
@@ -166,12 +188,12 @@ class StatedTargetConfig(TargetConfig):
 class TrainerConfig:
     """Length of the training and what is written."""
 
-    steps: int = MISSING
-    record_every: int = MISSING
+    steps: int = option(at_least=1)
+    record_every: int = option(at_least=1)
     """Steps between rows of metrics.csv."""
-    checkpoint_every: int = MISSING
+    checkpoint_every: int = option(at_least=1)
     """Steps between checkpoints."""
-    on_unsolvable: str = MISSING
+    on_unsolvable: str = option(choices=names.ON_UNSOLVABLE)
     """What to do when a solve fails: stabilise | skip | stop."""
 
 
@@ -179,11 +201,11 @@ class TrainerConfig:
 class EigenConfig:
     """Spectra along the trajectory."""
 
-    every: int = MISSING
+    every: int = option(at_least=1)
     """A spectrum at every k-th data time."""
-    jacobian: str = MISSING
+    jacobian: str = option(choices=names.JACOBIANS)
     """How A = df/dx is computed: autodiff | finite_difference | symbolic."""
-    max_condition: float = MISSING
+    max_condition: float = option(at_least=1)
     """Guard: largest eigenvalue condition number that a sensitivity may show."""
     margin: float = MISSING
     """Stability margin of STB in 1/s."""
@@ -193,13 +215,13 @@ class EigenConfig:
 class ErrorConfig:
     """Error function of each term: mae | mse | huber."""
 
-    sol: str = MISSING
-    frq: str = MISSING
-    dmp: str = MISSING
-    stb: str = MISSING
-    osc: str = MISSING
-    stf: str = MISSING
-    huber_delta: float = MISSING
+    sol: str = option(choices=names.ERRORS)
+    frq: str = option(choices=names.ERRORS)
+    dmp: str = option(choices=names.ERRORS)
+    stb: str = option(choices=names.ERRORS)
+    osc: str = option(choices=names.ERRORS)
+    stf: str = option(choices=names.ERRORS)
+    huber_delta: float = option(above=0)
     """Difference at which huber turns from a square to a line."""
 
 
@@ -218,22 +240,24 @@ class TrainConfig:
     eigen: EigenConfig = MISSING
     error: ErrorConfig = MISSING
     protocol: str = MISSING
+    """Name of the full set of training choices."""
     grads: str = MISSING
     """Terms whose gradients train, joined by +."""
-    scale: dict[str, float] = MISSING
+    scale: dict[str, float] = option(at_least=0)
     """Factor of each term's gradient."""
     terms: dict[str, str] = MISSING
     """The user's own terms: name to `module:function`."""
-    seed: int = MISSING
+    seed: int = option(at_least=0, below=2**63)
+    """Of the initial weights and of every other draw."""
 
 
-CHOICES: dict[str, dict[str, type]] = {
+SCHEMAS: dict[str, dict[str, type]] = {
     "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig},
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
     "solver": {"adaptive": AdaptiveSolverConfig, "fixed": FixedSolverConfig},
     "optimizer": {"adam": AdamConfig, "sgd": SgdConfig},
-    "combine": {"combine": CombineConfig},
-    "engine": {"engine": EngineConfig},
+    "combine": {"plain": CombineConfig, "sequential": SequentialConfig},
+    "engine": {"plain": EngineConfig, "compiled": CompiledEngineConfig},
     "target": {"truth": TargetConfig, "stated": StatedTargetConfig},
 }
-"""Schema of each group's choices, registered with Hydra as `schema/<group>/<name>`."""
+"""Schemas of each group's choices, registered with Hydra as `schema/<group>/<name>`."""

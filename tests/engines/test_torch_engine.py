@@ -9,8 +9,9 @@ from torch import Tensor, nn
 
 from eigenode_cli.engines.base import Floats
 from eigenode_cli.engines.torch_engine import TorchEngine
-from eigenode_cli.field import VectorField, flat_parameters
+from eigenode_cli.field import VectorField, flat_parameters, load_flat
 from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.terms import NAMES
 from tests.conftest import Case, make_case, solver
 
@@ -46,14 +47,18 @@ def forward_mode(engine: TorchEngine, theta: Floats, direction: Floats, steps: l
 
 def near_a_merge(case: Case, field: VectorField, distance: float) -> Floats:
     """Weights whose eigenvalues at the initial state are real and `distance` apart."""
-    theta = flat_parameters(field)
-    engine = TorchEngine(field, case.problem(), {})
+    theta, start = flat_parameters(field), torch.tensor(case.initial_state, dtype=torch.float64)
 
     def discriminant(scale: float) -> float:
-        shifted = theta.copy()
-        shifted[:64:2] *= scale  # the position's input weights: they move a21, and the discriminant with it
-        spectrum = engine.loss_jacobian(shifted, None).spectra[0]
-        return float(((spectrum[0] - spectrum[1]) ** 2).real)
+        load_flat(field, weights(scale))
+        with torch.no_grad():
+            (a, b), (c, d) = field.jacobian(start).tolist()
+        return (a - d) ** 2 + 4.0 * b * c
+
+    def weights(scale: float) -> Floats:
+        scaled = theta.copy()
+        scaled[:64:2] *= scale  # the position's input weights: they move a21, and the discriminant with it
+        return scaled
 
     low, high = next(
         (a, b)
@@ -66,9 +71,7 @@ def near_a_merge(case: Case, field: VectorField, distance: float) -> Floats:
             high = middle
         else:
             low = middle
-    merged = theta.copy()
-    merged[:64:2] *= 0.5 * (low + high)
-    return merged
+    return weights(0.5 * (low + high))
 
 
 def check_gradients(engine: TorchEngine, theta: Floats, seed: int, h: float) -> None:
@@ -88,9 +91,6 @@ def check_gradients(engine: TorchEngine, theta: Floats, seed: int, h: float) -> 
 
 
 def engine_steps(engine: TorchEngine, theta: Floats) -> list[float]:
-    from eigenode_cli.field import load_flat
-    from eigenode_cli.solve.trajectory import solve
-
     load_flat(engine.field, theta)
     with torch.no_grad():
         return solve(engine.field, engine._start, engine._times, engine.problem.solver).steps

@@ -1,0 +1,208 @@
+"""The command `eigenode`: finds the subcommand, and turns how it ends into an exit code.
+
+0 done; 1 the run failed; 2 the user's mistake, one line each; 130 interrupted.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+from typing import NoReturn
+
+from eigenode_cli import __version__
+from eigenode_cli.errors import UserError, unknown
+from eigenode_cli.paths import importable
+
+USER_ERROR = 2
+INTERRUPTED = 130
+
+Adder = Callable[[argparse.ArgumentParser], None]
+
+
+@dataclass(frozen=True)
+class Command:
+    """One subcommand: its name, a line of help, its arguments, and what it does with them."""
+
+    name: str
+    summary: str
+    arguments: Adder
+    call: Callable[[argparse.Namespace], int]
+
+
+def _run_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", metavar="RUN", help="folder of a run, or its name under outputs/")
+
+
+def _config_dir_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--config-dir", metavar="DIR", help="a folder of your own configs and code")
+
+
+def _resume_arguments(parser: argparse.ArgumentParser) -> None:
+    _run_argument(parser)
+    _config_dir_argument(parser)
+
+
+def _list_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("group", metavar="GROUP", nargs="?", help="for example system, solver, terms")
+    _config_dir_argument(parser)
+
+
+def _train_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("words", metavar="KEY=VALUE", nargs="*", help="settings; see 'eigenode train --help'")
+
+
+def _train(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.train import train  # noqa: PLC0415  # Hydra, only where it is needed
+
+    return train(args.words)
+
+
+def _resume(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.runs import resume  # noqa: PLC0415
+
+    return resume(args)
+
+
+def _plot(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.runs import plot  # noqa: PLC0415
+
+    return plot(args)
+
+
+def _report(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.runs import report  # noqa: PLC0415
+
+    return report(args)
+
+
+def _list(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.configs import list_choices  # noqa: PLC0415
+
+    return list_choices(args)
+
+
+def _validate(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.configs import validate_configs  # noqa: PLC0415
+
+    return validate_configs(args)
+
+
+COMMANDS: tuple[Command, ...] = (
+    Command("train", "one training run, or a sweep of them with -m", _train_arguments, _train),
+    Command("resume", "go on with a run where it stopped", _resume_arguments, _resume),
+    Command("plot", "draw a run's figures again, from its files", _run_argument, _plot),
+    Command("report", "write a run's page again, from its files", _run_argument, _report),
+    Command("list", "what can be chosen, with one line each", _list_arguments, _list),
+    Command("validate", "compose and check every shipped config", _config_dir_argument, _validate),
+)
+"""All subcommands, in the order of the help."""
+
+EPILOG = """examples:
+  eigenode train system=vdp grads=sol+frq+dmp+osc
+  eigenode train -m system=oscillator,vdp grads=sol,sol+frq 'seed=range(3)'
+  eigenode list system
+
+settings of a training: eigenode train --help
+completion in bash:     eval "$(eigenode -sc install=bash)"
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, as every other part of the program does."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UserError(f"{self.prog.removeprefix('eigenode').strip()}: {message}".removeprefix(": "))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name), that of the process by default."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        with _terminable(), importable("."):
+            return _dispatch(words)
+    except UserError as error:
+        for fault in error.faults:
+            print(f"eigenode: error: {fault}", file=sys.stderr)
+        return USER_ERROR
+    except KeyboardInterrupt:
+        print("eigenode: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of a pipe, `eigenode list | head`, had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _dispatch(words: list[str]) -> int:
+    if words[:1] in (["-sc"], ["--shell-completion"]):
+        return _complete(words[1:])
+    if words[:1] == ["train"]:  # Hydra owns everything after it
+        return _train(argparse.Namespace(words=words[1:]))
+    names = [command.name for command in COMMANDS]
+    if words and not words[0].startswith("-") and words[0] not in names:
+        raise UserError(_unknown_command(words[0], names))
+    parser = _parser()
+    args = parser.parse_args(words)
+    if args.call is None:
+        parser.print_help()
+        return 0
+    return args.call(args)
+
+
+def _unknown_command(word: str, names: Sequence[str]) -> str:
+    if "=" in word:
+        return f"{word}: a setting without a command; write eigenode train {word}"
+    return unknown("command", word, names)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="eigenode",
+        description="Train NeuralODEs with knowledge about the eigenvalues of the learned system.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"eigenode {__version__}")
+    parser.set_defaults(call=None)
+    subparsers = parser.add_subparsers(metavar="COMMAND", title="commands")
+    for command in COMMANDS:
+        sub = subparsers.add_parser(command.name, help=command.summary, description=command.summary)
+        command.arguments(sub)
+        sub.set_defaults(call=command.call)
+    return parser
+
+
+def _complete(words: list[str]) -> int:
+    """Tab completion: the subcommands here, the settings of `train` by Hydra."""
+    line = os.environ.get("COMP_LINE", "")
+    typed = line.split()
+    if any(word.startswith("query=") for word in words):
+        if len(typed) < 2 or (len(typed) == 2 and not line.endswith(" ")):
+            print(" ".join(command.name for command in COMMANDS))
+            return 0
+        if typed[1] != "train":
+            return 0
+        os.environ["COMP_LINE"] = line.replace(" train", "", 1)
+    return _train(argparse.Namespace(words=["-sc", *words]))
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    del number, frame
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does, resumable and without workers left behind."""
+    if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,62 @@
+"""A configuration as a run reads it: composed, checked and finalised, or restored from a run's record."""
+
+import copy
+from collections.abc import Sequence
+from typing import Any, cast
+
+from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf.errors import OmegaConfBaseException
+
+from eigenode_cli.config.composer import Composer, explain, hydra_values
+from eigenode_cli.config.examine import examine, normalise
+from eigenode_cli.config.schema import SCHEMAS, TrainConfig
+from eigenode_cli.errors import UserError
+from eigenode_cli.terms import canonical, split_grads
+
+
+def finalise(config: DictConfig) -> DictConfig:
+    """A checked configuration as a run reads it, in place: resolved, `grads` canonical, a scale for every term."""
+    OmegaConf.resolve(config)
+    config.grads = "+".join(canonical(split_grads(config.grads)))
+    with open_dict(config.scale):
+        for name in config.terms:
+            config.scale.setdefault(name, 1.0)
+    return config
+
+
+def typed(config: DictConfig) -> TrainConfig:
+    """The configuration as plain typed objects, the class of each group's node by what was chosen."""
+    return cast(TrainConfig, OmegaConf.to_object(config))
+
+
+def restore(record: dict[str, Any]) -> TrainConfig:
+    """The configuration that a run's `run.json` holds; a group's class is the one with exactly its options.
+
+    Raises:
+        UserError: the record was written by another version of the schema.
+    """
+    config = OmegaConf.structured(TrainConfig)
+    try:
+        for group, values in record.items():
+            schemas = SCHEMAS.get(group, {}).values()
+            schema = next((s for s in schemas if set(s.__dataclass_fields__) == set(values)), None)
+            if schema is not None:
+                config[group] = OmegaConf.structured(schema)
+        return typed(cast(DictConfig, OmegaConf.merge(config, record)))
+    except OmegaConfBaseException as error:
+        raise UserError(f"run.json: not a configuration of this version: {explain(error)}") from error
+
+
+def compose(overrides: Sequence[str], config_dir: str | None = None) -> DictConfig:
+    """The checked and finalised configuration of `eigenode train <overrides>`.
+
+    Raises:
+        UserError: with all faults at once.
+    """
+    composer = Composer(config_dir)
+    words = normalise(overrides)
+    examine(composer, words).checked()
+    config = composer.composed(tuple(words))
+    with hydra_values(copy.deepcopy(config)), open_dict(config):
+        del config["hydra"]
+        return finalise(config)

@@ -1,0 +1,135 @@
+"""Composition by Hydra: the schema is registered, config folders are searched, a configuration comes out.
+
+The only module, beside the sweep's expansion, that reaches into Hydra's internals, which its release is pinned for:
+the public compose functions take no `--config-dir`.
+"""
+
+import copy
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+
+import yaml
+from hydra import version
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.utils import create_config_search_path
+from hydra.core.config_search_path import SearchPathQuery
+from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.utils import setup_globals
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from eigenode_cli.config.schema import SCHEMAS, TrainConfig
+from eigenode_cli.errors import UserError
+from eigenode_cli.paths import CONFIG_DIR, slug
+
+VERSION_BASE = "1.3"
+DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine")
+"""Groups that a protocol chooses from, not the user."""
+
+
+def _register() -> None:
+    store = ConfigStore.instance()
+    store.store(name="train_schema", node=TrainConfig)
+    for group, schemas in SCHEMAS.items():
+        for name, schema in schemas.items():
+            store.store(group=f"schema/{group}", name=name, node=schema)
+    OmegaConf.register_new_resolver("eigenode_slug", slug, replace=True)
+
+
+_register()
+
+
+class Composer:
+    """Composes configurations from the shipped folder and, where given, one of the user's.
+
+    Args:
+        config_dir: a further folder of configs (`--config-dir`), relative to the current one.
+        config_name: name of the primary config (`--config-name`).
+    """
+
+    def __init__(self, config_dir: str | None = None, config_name: str = "train") -> None:
+        version.setbase(VERSION_BASE)
+        setup_globals()
+        search_path = create_config_search_path(str(CONFIG_DIR))
+        if config_dir is not None:
+            folder = Path(config_dir).resolve()
+            if not folder.is_dir():
+                raise UserError(f"--config-dir {config_dir}: no such folder")
+            search_path.prepend("command-line", f"file://{folder}", SearchPathQuery(provider="schema", path=None))
+        self.config_name = config_name
+        self.loader = ConfigLoaderImpl(search_path)
+        self.parser = OverridesParser.create(config_loader=self.loader)
+        self._composed: dict[tuple[str, ...], DictConfig] = {}
+        self._choices: dict[tuple[str, ...], list[str]] = {}
+
+    def choices(self, group: str, words: Sequence[str] = ()) -> list[str]:
+        """Names of the choices of a group, empty if there is no such group; `words` may add a `hydra.searchpath`."""
+        key = (group, *words)
+        if key not in self._choices:
+            found = self.loader.get_group_options(group, config_name=self.config_name, overrides=list(words))
+            self._choices[key] = found
+        return self._choices[key]
+
+    @cached_property
+    def defaults(self) -> dict[str, str]:
+        """The choice of every group where the user makes none."""
+        return dict(self.composed(()).hydra.runtime.choices)
+
+    @property
+    def groups(self) -> list[str]:
+        """Groups that the user chooses from with `group=choice`."""
+        return [group for group in self.defaults if "/" not in group and group not in DIFFERENCES]
+
+    def composed(self, words: tuple[str, ...]) -> DictConfig:
+        """A fresh copy of the configuration with its `hydra` node, the words applied by Hydra.
+
+        Raises:
+            UserError: Hydra cannot compose it.
+        """
+        if words not in self._composed:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                try:
+                    config = self.loader.load_configuration(self.config_name, list(words), RunMode.RUN)
+                except (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError) as error:
+                    raise UserError(explain(error)) from error
+            if caught:
+                raise UserError([_one_line(str(warning.message)) for warning in caught])
+            self._composed[words] = config
+        return copy.deepcopy(self._composed[words])
+
+
+def explain(error: BaseException) -> str:
+    """Any error of Hydra, OmegaConf or YAML in one line."""
+    parts = [str(error)]
+    if isinstance(error.__cause__, OmegaConfBaseException | HydraException):
+        parts.append(str(error.__cause__))
+    text = ": ".join(_one_line(part) for part in parts if part)
+    return text or type(error).__name__
+
+
+def _one_line(text: str) -> str:
+    """The message without the search path, without OmegaConf's appendix, and without line breaks."""
+    text = text.partition("Config search path:")[0]
+    lines = (line.strip() for line in text.splitlines())
+    return " ".join(line for line in lines if line and not line.startswith(("full_key:", "object_type=")))
+
+
+@contextmanager
+def hydra_values(config: DictConfig) -> Iterator[None]:
+    """Let `${hydra:...}` in `config` (with its `hydra` node) resolve, as it does inside a job."""
+    state = HydraConfig.instance()
+    before = state.cfg
+    state.set_config(config)
+    OmegaConf.set_readonly(config.hydra, None)  # set_config locks it
+    try:
+        yield
+    finally:
+        state.cfg = before

@@ -1,0 +1,33 @@
+"""Options that the user typed and the run would not read.
+
+All six terms are recorded whatever `grads` is, so what shapes a recorded value (error functions, margin, targets) is
+always read; what only shapes a gradient is not.
+"""
+
+from collections.abc import Sequence
+
+from omegaconf import DictConfig
+
+from eigenode_cli.terms import split_grads
+
+
+def useless_options(config: DictConfig, typed: Sequence[str]) -> dict[str, str]:
+    """A fault for each of the typed keys that nothing reads in this (valid) configuration."""
+    found = {}
+    for key in typed:
+        reason = _reason(config, key)
+        if reason:
+            found[key] = f"{key}: no effect, {reason}"
+    return found
+
+
+def _reason(config: DictConfig, key: str) -> str | None:
+    words = split_grads(config.grads)
+    group, _, name = key.rpartition(".")
+    if group == "scale" and name not in words:
+        return f"grads={config.grads} does not have {name}; add it or leave the scale out"
+    if key == "error.huber_delta" and "huber" not in config.error.values():
+        return "no error function is huber; choose one with error.TERM=huber"
+    if key == "eigen.max_condition" and words == ["sol"]:
+        return "grads=sol has no term of the spectrum"
+    return None

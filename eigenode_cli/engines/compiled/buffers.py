@@ -1,0 +1,220 @@
+"""What the kernels read and write, made once for an engine: the problem as plain arrays, and all working space."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenode_cli.engines.compiled.integrate import Method, Steps
+from eigenode_cli.engines.compiled.jacobian import scratch_size
+from eigenode_cli.engines.compiled.kernel import Core, Setup, Work
+from eigenode_cli.engines.compiled.lapack import DGEEV, dgeev_space
+from eigenode_cli.engines.compiled.memory import address, aligned
+from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
+from eigenode_cli.engines.compiled.pullback import Bars
+from eigenode_cli.engines.compiled.spectrum import Eigen
+from eigenode_cli.problem import Problem
+from eigenode_cli.solve.tableau import Tableau
+from eigenode_cli.terms import NAMES
+
+Floats = NDArray[np.float64]
+
+
+class Owner:
+    """Keeps arrays alive whose addresses kernels hold."""
+
+    def __init__(self) -> None:
+        self._arrays: list[NDArray] = []
+
+    def keep(self, array: NDArray) -> int:
+        """Address of a contiguous array, kept alive with this owner."""
+        self._arrays.append(array)
+        return address(array)
+
+    def copy(self, values: NDArray, dtype: type) -> int:
+        """Address of a contiguous copy as `dtype`."""
+        return self.keep(np.array(values, dtype=dtype, order="C"))
+
+    def floats(self, *shape: int) -> int:
+        """Address of float64 zeros, at a cache line."""
+        return self.keep(aligned(int(np.prod(shape))))
+
+    def zeros(self, size: int, dtype: type) -> int:
+        """Address of `size` zeros of `dtype`."""
+        return self.keep(np.zeros(size, dtype=dtype))
+
+
+class Shared(NamedTuple):
+    """The working space that Python reads or writes, as arrays: see `Work`; `theta (P,)`."""
+
+    theta: Floats
+    outcome: NDArray[np.int64]
+    slopes: NDArray[np.complex128]
+    user_slopes: Floats
+
+
+def term_codes(names: tuple[str, ...]) -> NDArray[np.int64]:
+    """Codes of the terms `(L,)`: that of one of the six, -1 - u for number u of the others."""
+    own = [name for name in names if name not in NAMES]
+    return np.array([NAMES.index(name) if name in NAMES else -1 - own.index(name) for name in names], dtype=np.int64)
+
+
+def build_method(owner: Owner, tableau: Tableau, rtol: float, atol: float, max_steps: int) -> Method:
+    """The method of a tableau with its settings."""
+    return Method(
+        stages=tableau.error.size,
+        order=tableau.order,
+        a=owner.copy(tableau.a, np.float64),
+        transposed=owner.copy(tableau.a.T, np.float64),
+        error=owner.copy(tableau.error, np.float64),
+        dense=owner.copy(tableau.dense, np.float64),
+        rtol=float(rtol),
+        atol=float(atol),
+        max_steps=int(max_steps),
+    )
+
+
+class Room:
+    """Room for the steps of a solve.
+
+    Args:
+        net, method: of the solve.
+        capacity: accepted steps that fit.
+        outputs: N.
+        recorded: whether every evaluation leaves a record.
+
+    Attributes:
+        steps: addresses; sizes: of the accepted steps in s `(capacity,)`.
+    """
+
+    def __init__(self, net: Net, method: Method, capacity: int, outputs: int, recorded: bool) -> None:
+        self._owner = Owner()
+        self.sizes = np.zeros(capacity)
+        evaluations = 1 + (method.stages - 1) * capacity if recorded else 1
+        self.steps = Steps(
+            capacity=capacity,
+            size=self._owner.keep(self.sizes),
+            record=self._owner.floats(evaluations, net.width),
+            width=net.width if recorded else 0,
+            output_step=self._owner.zeros(outputs, np.int64),
+            output_weights=self._owner.floats(outputs, method.stages),
+            k=self._owner.floats(method.stages, net.n),
+            x=self._owner.floats(net.n),
+            trial=self._owner.floats(net.n),
+            error=self._owner.floats(net.n),
+        )
+
+
+def build_core(
+    owner: Owner, shape: MlpShape, problem: Problem, method: Method, terms: int, own_terms: int, forward_way: bool
+) -> tuple[Core, Shared]:
+    """Everything but the steps, for L terms of which `own_terms` are the user's.
+
+    What only forward sensitivities need has no room unless `forward_way`.
+    """
+    n, m, size = shape.sizes[0], shape.sizes[-1], shape.parameters
+    outputs, count = problem.data.times.size, problem.spectral_index.size
+    shared = Shared(
+        theta=aligned(size),
+        outcome=np.zeros(6, dtype=np.int64),
+        slopes=np.zeros(max(terms, len(NAMES)) * 2 * count * n, dtype=np.complex128),
+        user_slopes=np.zeros((own_terms, outputs, n)),
+    )
+    memory = (shared.theta, aligned(size))
+    scales = tuple(np.array(scale, dtype=np.float64) for scale in (shape.input_scale, shape.output_scale))
+    tables = [layer_table(shape, curved) for curved in (False, True)]
+    for array in (*memory, *scales, *tables):
+        owner.keep(array)
+    net, curved = (build_net(shape, table, (scales[0], scales[1]), memory) for table in tables)
+    entries = m * n if m * n < terms else 0  # derivatives of single entries of A are shared by the terms or not made
+    work = Work(
+        records=owner.floats(2 * count, curved.width),
+        tangents=owner.floats(curved.tangents),
+        rate=owner.floats(n),
+        a=owner.floats(n, n),
+        slopes=owner.keep(shared.slopes),
+        solution_slope=owner.floats(outputs, n),
+        user_slopes=owner.keep(shared.user_slopes),
+        partner=owner.zeros(n, np.int64),
+        match=owner.zeros(n, np.int64),
+        bar_a=owner.floats(terms, m, n),
+        active=owner.zeros(terms, np.int64),
+        units=owner.keep(np.eye(entries)),
+        rows_x=owner.floats(entries, n),
+        rows_theta=owner.floats(entries, size),
+        bar_x=owner.floats(n),
+        outcome=owner.keep(shared.outcome),
+    )
+    bars = _build_bars(owner, net, method, outputs, terms, forward_way)
+    eigen = _build_eigen(owner, n, 2 * count, problem.max_condition)
+    return Core(net, curved, method, eigen, bars, _build_setup(owner, problem), work), shared
+
+
+def _build_setup(owner: Owner, problem: Problem) -> Setup:
+    data, targets = problem.data, problem.targets
+
+    def twice(rows: NDArray, dtype: type) -> int:
+        return owner.copy(np.concatenate([rows, rows]), dtype)
+
+    return Setup(
+        outputs=data.times.size,
+        count=problem.spectral_index.size,
+        pair_count=targets.frequency.shape[1],
+        times=owner.copy(data.times, np.float64),
+        start=owner.copy(problem.initial_state, np.float64),
+        data=owner.copy(data.states, np.float64),
+        mask=owner.copy(data.mask, np.bool_),
+        indices=owner.copy(problem.spectral_index, np.int64),
+        references=owner.copy(data.states[problem.spectral_index], np.float64),
+        frequency=twice(targets.frequency, np.float64),
+        damping=twice(targets.damping, np.float64),
+        pairs=twice(targets.pairs, np.int64),
+        stiffness=twice(targets.stiffness, np.float64),
+        margin=float(problem.margin),
+        errors=owner.copy(problem.errors, np.int64),
+        delta=float(problem.huber_delta),
+        stabilise=bool(problem.stabilise),
+    )
+
+
+def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int, forward_way: bool) -> Bars:
+    n, m, q = net.n, net.m, terms * net.n
+    columns = net.size if forward_way else 0
+    return Bars(
+        terms=terms,
+        states=owner.floats(outputs, q),
+        packed=owner.floats(terms, net.size),
+        stage_rates=owner.floats(method.stages, q),
+        stage_states=owner.floats(method.stages, q),
+        start=owner.floats(q),
+        carried=owner.floats(q),
+        seeds=owner.keep(np.eye(m)),
+        rows_x=owner.floats(m, n),
+        rows_theta=owner.floats(m, net.size if forward_way or m < terms else 0),
+        scratch=owner.floats(scratch_size(net)),
+        tangent_state=owner.floats(n, columns),
+        tangent_stage=owner.floats(n, columns),
+        tangent_k=owner.floats(method.stages, n, columns),
+    )
+
+
+def _build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen:
+    space = dgeev_space(n)
+    return Eigen(
+        n=n,
+        max_condition=float(max_condition),
+        spectra=owner.zeros(count * n, np.complex128),
+        left=owner.zeros(count * n * n, np.complex128),
+        right_real=owner.floats(count, n, n),
+        right_imag=owner.floats(count, n, n),
+        a=owner.floats(n, n),
+        real=owner.floats(n),
+        imag=owner.floats(n),
+        vectors=owner.floats(n, n),
+        covectors=owner.floats(n, n),
+        space_size=space,
+        space=owner.floats(space),
+        words=owner.zeros(3, np.int32),
+        letter=owner.zeros(1, np.uint8),
+        routine=int(DGEEV),
+    )

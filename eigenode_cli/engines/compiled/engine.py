@@ -1,0 +1,262 @@
+"""The compiled engine: buffers, compilation, and the way from a `Problem` to its loss Jacobian."""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, SolverConfig
+from eigenode_cli.engines.base import Complexes, Evaluation, Floats, LossJacobian
+from eigenode_cli.engines.compiled import kernel
+from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
+from eigenode_cli.engines.compiled.integrate import FULL, OK, Method
+from eigenode_cli.engines.compiled.mlp import MlpShape
+from eigenode_cli.problem import Problem
+from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.tableau import TABLEAUS
+from eigenode_cli.terms import NAMES
+
+UserTerm = Callable[[Floats, Complexes], tuple[float, Floats, Complexes]]
+"""A user's own term: trajectory `(N, n)` and spectra `(T, n)` in; value, `dl/dx (N, n)` and `dl/dRe + i dl/dIm (T, n)`
+out."""
+
+SENSITIVITIES = ("auto", "adjoint", "forward")
+FIRST_CAPACITY = 256
+"""Steps that are recorded before room is made for more."""
+EVERY_TERM = np.arange(len(NAMES))
+NO_STEPS = np.empty(0)
+
+
+def _silent(_message: str) -> None:
+    """Announce nothing."""
+
+
+def forward_pays(shape: MlpShape, terms: int) -> bool:
+    """Whether forward sensitivities are expected to be faster than the adjoint."""
+    del shape, terms
+    return False
+
+
+def fixed_steps(step: float, start: float, end: float) -> Floats:
+    """Steps of one size from `start` to `end` in s, the last one shorter; no sliver where it divides the time."""
+    if end <= start:
+        return NO_STEPS
+    count = max(1, math.ceil((end - start) / step - 1e-9))
+    steps = np.full(count, step)
+    steps[-1] = (end - start) - (count - 1) * step
+    return steps
+
+
+class CompiledEngine:
+    """Loss Jacobians of a multilayer perceptron without Python in the loop (see `engines.base.Engine`).
+
+    One instance has one set of buffers: use it from one thread at a time, and one instance a thread. While a kernel
+    runs the GIL is released.
+
+    Args:
+        shape: the vector field.
+        problem: data, targets, terms, solver.
+        user_terms: by name, those that `problem.terms` names beyond the six and any others to be evaluated.
+        sensitivity: `adjoint`, `forward`, or `auto` for what `forward_pays` expects to be faster.
+        announce: called with one line before a compilation that takes a while.
+
+    Attributes:
+        compile_seconds: time of compiling or of loading machine code in s; 0 before the first call.
+
+    Raises:
+        ValueError: problem, shape and options do not fit together.
+    """
+
+    def __init__(
+        self,
+        shape: MlpShape,
+        problem: Problem,
+        user_terms: Mapping[str, UserTerm] | None = None,
+        sensitivity: str = "auto",
+        announce: Callable[[str], None] = _silent,
+    ) -> None:
+        self._terms = problem.terms
+        self._user_terms = dict(user_terms or {})
+        self._own = [name for name in problem.terms if name not in NAMES]
+        _check(shape, problem, set(self._own) - set(self._user_terms), sensitivity)
+        self._forward_way = sensitivity == "forward" or (
+            sensitivity == "auto" and forward_pays(shape, len(problem.terms))
+        )
+        self._announce = announce
+        self._owner = Owner()
+        self._method, self._step = _solver(self._owner, problem.solver)
+        self._codes = term_codes(problem.terms)
+        self._core, self._shared = build_core(
+            self._owner, shape, problem, self._method, len(problem.terms), len(self._own), self._forward_way
+        )
+        self._times = np.array(problem.data.times, dtype=np.float64)
+        self._spectra_shape = (problem.spectral_index.size, shape.sizes[0])
+        self._given = self._given_steps(self._times)
+        self._room = self._make_room(self._given.size or min(FIRST_CAPACITY, self._method.max_steps))
+        self._compiled = False
+        self.compile_seconds = 0.0
+
+    @property
+    def steps(self) -> Floats:
+        """Sizes of the accepted steps of the last solve over the data times in s; `loss_jacobian` can be given them."""
+        return self._room.sizes[: self._shared.outcome[kernel.ACCEPTED]].copy()
+
+    def loss_jacobian(self, theta: Floats, steps: Floats | None = None) -> LossJacobian:
+        """Values and gradients of the named terms at `theta (P,)`.
+
+        Args:
+            theta: parameters.
+            steps: sizes of the steps `(S,)` in s to be taken as they are, which must end at the last data time; None
+                for the solver's own. With them the result is a smooth function of theta.
+
+        Raises:
+            ValueError: `theta` has another length, or `steps` end elsewhere.
+        """
+        self._load(theta)
+        given = self._given if steps is None else self._checked(steps)
+        if given.size > self._room.steps.capacity:
+            self._room = self._make_room(given.size)
+        values, gradients = np.empty(self._codes.size), np.empty((self._codes.size, self._shared.theta.size))
+        states, spectra = self._outputs()
+        if not self._compiled:
+            self._compile(given, values, gradients, states, spectra)
+        run = self._run_split if self._own else self._run_fused
+        while run(given, values, gradients, states, spectra) == FULL:
+            self._grow()
+        _, accepted, rejected, _, _, guarded = self._shared.outcome.tolist()
+        return LossJacobian(
+            values=values,
+            gradients=gradients,
+            trajectory=states,
+            spectra=spectra,
+            status=Status(self._shared.outcome[kernel.STATUS]),
+            n_accepted=accepted,
+            n_rejected=rejected,
+            guard_count=guarded,
+        )
+
+    def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
+        """Values of the six terms and then of the user's by name, and states at `times (D,)` in s, ascending.
+
+        The terms are those of a solve over the data times, the same as in `loss_jacobian`; the states at `times`,
+        which may go beyond them, are those of a solve of their own from the same initial state.
+        """
+        self._load(theta)
+        values = np.empty(len(NAMES))
+        states, spectra = self._outputs()
+        while (
+            status := kernel.forward(
+                self._core, self._room.steps, self._given, EVERY_TERM, False, values, states, spectra
+            )
+        ) == FULL:
+            self._grow()
+        own = [
+            float(term(states, spectra)[0]) if status == OK else math.nan
+            for _, term in sorted(self._user_terms.items())
+        ]
+        return Evaluation(
+            values=np.concatenate([values, own]),
+            trajectory=states,
+            spectra=spectra,
+            status=Status(status),
+            n_accepted=int(self._shared.outcome[kernel.ACCEPTED]),
+            n_rejected=int(self._shared.outcome[kernel.REJECTED]),
+            dense=self._solve(np.asarray(times, dtype=np.float64)),
+        )
+
+    def _run_fused(
+        self, given: Floats, values: Floats, gradients: Floats, states: Floats, spectra: Complexes
+    ) -> int:
+        return kernel.loss_jacobian(
+            self._core, self._room.steps, given, self._codes, self._forward_way, values, gradients, states, spectra
+        )
+
+    def _run_split(
+        self, given: Floats, values: Floats, gradients: Floats, states: Floats, spectra: Complexes
+    ) -> int:
+        """The same with the user's terms between forward kernel and pullback."""
+        status = kernel.forward(self._core, self._room.steps, given, self._codes, True, values, states, spectra)
+        if status == FULL:
+            return status
+        if status == OK:
+            slopes = self._shared.slopes[: values.size * spectra.size].reshape(values.size, *spectra.shape)
+            for number, name in enumerate(self._own):
+                row = self._terms.index(name)
+                values[row], self._shared.user_slopes[number], slopes[row] = self._user_terms[name](states, spectra)
+        kernel.pull_back(self._core, self._room.steps, self._codes, self._forward_way, values, gradients)
+        return status
+
+    def _solve(self, times: Floats) -> Floats:
+        """States `(D, n)` at `times`, from the initial state at the first data time."""
+        outputs = np.concatenate([self._times[:1], times])
+        states = np.empty((outputs.size, self._core.net.n))
+        given = self._given_steps(outputs)
+        capacity, status = given.size or FIRST_CAPACITY, FULL
+        while status == FULL:
+            room = Room(self._core.net, self._method, capacity, outputs.size, recorded=False)
+            status = kernel.solve(self._core, room.steps, given, outputs, states)
+            capacity *= 2
+        return states[1:]
+
+    def _outputs(self) -> tuple[Floats, Complexes]:
+        """New arrays for a trajectory `(N, n)` and its spectra `(T, n)`."""
+        n = self._core.net.n
+        return np.empty((self._times.size, n)), np.empty(self._spectra_shape, dtype=np.complex128)
+
+    def _given_steps(self, times: Floats) -> Floats:
+        return NO_STEPS if self._step == 0.0 else fixed_steps(self._step, float(times[0]), float(times[-1]))
+
+    def _make_room(self, capacity: int) -> Room:
+        return Room(self._core.net, self._method, capacity, self._times.size, recorded=True)
+
+    def _grow(self) -> None:
+        self._room = self._make_room(min(2 * self._room.steps.capacity, self._method.max_steps))
+
+    def _load(self, theta: Floats) -> None:
+        if np.shape(theta) != self._shared.theta.shape:
+            raise ValueError(f"theta has shape {np.shape(theta)}, the network {self._shared.theta.size} parameters")
+        self._shared.theta[:] = theta
+
+    def _checked(self, steps: Floats) -> Floats:
+        given = np.array(steps, dtype=np.float64)
+        horizon = self._times[-1] - self._times[0]
+        if given.ndim != 1 or given.size == 0 or not abs(given.sum() - horizon) <= 1e-9 * horizon:
+            raise ValueError(f"steps must add up to the horizon of {horizon} s")
+        return given
+
+    def _compile(self, *arrays: Floats | Complexes) -> None:
+        """Compile or load the kernels before their first call, and take the time."""
+        given, *results = arrays
+        arguments = (self._core, self._room.steps, given, self._codes, self._forward_way, *results)
+        in_memory = bool(kernel.loss_jacobian.signatures)
+        if not (in_memory or any(Path(numba.config.CACHE_DIR).rglob("kernel.loss_jacobian-*.nbi"))):
+            self._announce("compiling the engine, once for this version (half a minute)")
+        start = time.perf_counter()
+        kernel.loss_jacobian.compile(tuple(numba.typeof(argument) for argument in arguments))
+        self.compile_seconds = time.perf_counter() - start
+        self._compiled = True
+
+
+def _solver(owner: Owner, solver: SolverConfig) -> tuple[Method, float]:
+    """The method of a solver's configuration, and its step in s (0 for adaptive steps)."""
+    tableau = TABLEAUS.get(solver.name)
+    if tableau is None:
+        raise ValueError(f"solver.name={solver.name}: the compiled engine knows {', '.join(TABLEAUS)}")
+    if tableau.adaptive and isinstance(solver, AdaptiveSolverConfig):
+        return build_method(owner, tableau, solver.rtol, solver.atol, solver.max_steps), 0.0
+    if not tableau.adaptive and isinstance(solver, FixedSolverConfig):
+        return build_method(owner, tableau, 0.0, 1.0, 0), float(solver.step)
+    raise ValueError(f"solver.name={solver.name}: {type(solver).__name__} does not fit this method")
+
+
+def _check(shape: MlpShape, problem: Problem, missing: set[str], sensitivity: str) -> None:
+    """Raise a ValueError for what does not fit together."""
+    if missing:
+        raise ValueError(f"terms {', '.join(sorted(missing))}: not of {', '.join(NAMES)}, and no user terms")
+    if sensitivity not in SENSITIVITIES:
+        raise ValueError(f"sensitivity={sensitivity}: choose from {', '.join(SENSITIVITIES)}")
+    if problem.data.states.shape[1] != shape.sizes[0]:
+        raise ValueError(f"the data has {problem.data.states.shape[1]} states, the network {shape.sizes[0]}")

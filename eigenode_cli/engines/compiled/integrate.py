@@ -1,0 +1,200 @@
+"""The solve: explicit Runge-Kutta steps with the controller of `solve.control`, recorded for the pullback."""
+
+import math
+from typing import NamedTuple
+
+from eigenode_cli.engines.compiled.algebra import all_finite, clear, combine, copy
+from eigenode_cli.engines.compiled.memory import doubles, integers, shift
+from eigenode_cli.engines.compiled.mlp import evaluate_field
+from eigenode_cli.jit import njit
+from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
+from eigenode_cli.solve.status import Status
+
+OK, UNDERFLOW, MAX_STEPS, NON_FINITE = (int(status) for status in Status)
+FULL = -1
+"""Not a status: there is no room to record another step, the caller makes some and starts again."""
+
+
+class Method(NamedTuple):
+    """A tableau and the controller's settings, as the kernels read them; arrays by their addresses.
+
+    Attributes:
+        stages, order: number of stages s, and order of the solution.
+        a, transposed: stage coefficients `(s, s)` and their transpose.
+        error, dense: weights `(s,)` and `(s, 4)`, as in `solve.tableau.Tableau`.
+        rtol, atol, max_steps: of the controller; not read where steps are given.
+    """
+
+    stages: int
+    order: int
+    a: int
+    transposed: int
+    error: int
+    dense: int
+    rtol: float
+    atol: float
+    max_steps: int
+
+
+class Steps(NamedTuple):
+    """Addresses of a record of the accepted steps and of the outputs in each.
+
+    Attributes:
+        capacity: steps that there is room for.
+        size: of each step in s `(capacity,)`.
+        record: what every evaluation left `(1 + (s - 1) capacity, width)`: stage j of step i is number i (s - 1) + j.
+        width: size of one record, or 0 to keep none: then there is room for one, which every evaluation overwrites.
+        output_step: index of the step that each output lies in `(N,)`, -1 for the initial state.
+        output_weights: `x(t) = x_i + h_i sum_j output_weights[o, j] k_j`, `(N, s)`.
+        k: derivatives at the stages of one step `(s, n)`.
+        x, trial, error: states of one step `(n,)`.
+    """
+
+    capacity: int
+    size: int
+    record: int
+    width: int
+    output_step: int
+    output_weights: int
+    k: int
+    x: int
+    trial: int
+    error: int
+
+
+@njit
+def integrate(net, method, steps, given_count, given, start, count, times, states):
+    """Solve from `start (n,)` at `times[0]` to `times[-1]`, with interpolated outputs at all `times (count,)`.
+
+    Args:
+        net, method, steps: field, tableau with tolerances, record to be filled.
+        given_count, given: step sizes to be taken as they are, the last one ending at `times[-1]`; none for adaptive steps.
+        start: initial state `(n,)`.
+        count, times: output times `(N,)` in s, ascending.
+        states: filled with the outputs `(N, n)`, NaN where the solve did not arrive.
+
+    Returns:
+        Status or `FULL`, accepted steps, rejected steps, number of outputs that were reached.
+    """
+    n, stages = net.n, method.stages
+    x, first = doubles(steps.x, 0), doubles(steps.k, 0)
+    final = doubles(steps.k, (stages - 1) * n)
+    copy(n, start, x)
+    copy(n, start, states)
+    for i in range(n, count * n):
+        states[i] = math.nan
+    integers(steps.output_step, 0)[0] = -1
+    evaluate_field(net, x, doubles(steps.record, 0), first)
+    if not all_finite(n, first):
+        return NON_FINITE, 0, 0, 1
+    t, end = times[0], times[count - 1]
+    adaptive = given_count == 0
+    h = _initial_step(net, method, steps) if adaptive and t < end else 0.0
+    accepted, rejected, reached = 0, 0, 1
+    last_ratio, spoiled = SMALLEST_RATIO, False
+    while t < end:
+        if adaptive:
+            if accepted + rejected >= method.max_steps:
+                return MAX_STEPS, accepted, rejected, reached
+            # negated, so that a step of NaN counts as well
+            if not h >= SMALLEST_STEP * max(abs(t), 1e-300) or t + h == t:
+                return (NON_FINITE if spoiled else UNDERFLOW), accepted, rejected, reached
+            ending = t + h >= end
+            if ending:
+                h = end - t
+        else:
+            h = given[accepted]
+            ending = accepted + 1 == given_count
+        if accepted == steps.capacity:
+            return FULL, accepted, rejected, reached
+        ratio = _attempt(net, method, steps, h, accepted)
+        spoiled = math.isnan(ratio)
+        if not (adaptive or spoiled):
+            ratio = 0.0
+        if ratio <= 1.0:
+            after = end if ending else t + h
+            while reached < count and times[reached] <= after:
+                _interpolate(n, method, steps, (times[reached] - t) / h, h, accepted, reached, states)
+                reached += 1
+            doubles(steps.size, 0)[accepted] = h
+            accepted += 1
+            t = after
+            copy(n, doubles(steps.trial, 0), x)
+            copy(n, final, first)
+        else:
+            rejected += 1
+            if not adaptive:
+                return NON_FINITE, accepted, rejected, reached
+        h = next_step(h, ratio, last_ratio, method.order)
+        if ratio <= 1.0:
+            last_ratio = max(ratio, SMALLEST_RATIO)
+    return OK, accepted, rejected, reached
+
+
+@njit
+def _attempt(net, method, steps, h, step):
+    """One trial step of size `h`: fills stages 1 ... s-1, their records, and `steps.trial`.
+
+    Returns the error in units of the tolerance, NaN if the trial is not finite.
+    """
+    n, stages = net.n, method.stages
+    x, trial, error, k = doubles(steps.x, 0), doubles(steps.trial, 0), doubles(steps.error, 0), doubles(steps.k, 0)
+    for j in range(1, stages):
+        combine(n, j, x, h, doubles(method.a, j * stages), k, trial)
+        record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
+        evaluate_field(net, trial, record, shift(k, j * n))
+    clear(n, error)
+    combine(n, stages, error, h, doubles(method.error, 0), k, error)
+    # the last stage need not enter the estimate, and an infinite state has a finite relative error
+    if not (all_finite(n, error) and all_finite(n, trial) and all_finite(n, shift(k, (stages - 1) * n))):
+        return math.nan
+    total = 0.0
+    for i in range(n):
+        part = error[i] / (method.atol + method.rtol * max(abs(x[i]), abs(trial[i])))
+        total += part * part
+    return math.sqrt(total / n)
+
+
+@njit
+def _interpolate(n, method, steps, fraction, h, step, output, states):
+    """Fill `states[output]` at a fraction of the step, and the weights that the pullback needs."""
+    stages = method.stages
+    weights = doubles(steps.output_weights, output * stages)
+    for j in range(stages):
+        d = doubles(method.dense, j * 4)
+        weights[j] = fraction * (d[0] + fraction * (d[1] + fraction * (d[2] + fraction * d[3])))
+    combine(n, stages, doubles(steps.x, 0), h, weights, doubles(steps.k, 0), shift(states, output * n))
+    integers(steps.output_step, 0)[output] = step
+
+
+@njit
+def _norm(n, vector, x, method):
+    total = 0.0
+    for i in range(n):
+        part = vector[i] / (method.atol + method.rtol * abs(x[i]))
+        total += part * part
+    return math.sqrt(total / n)
+
+
+@njit
+def _initial_step(net, method, steps):
+    """First step size (E. Hairer, S. P. Norsett, G. Wanner, Solving ODEs I, 2nd ed., Sec. II.4).
+
+    It evaluates the field once, into the record of a stage that the first step overwrites.
+    """
+    n = net.n
+    x, trial, error = doubles(steps.x, 0), doubles(steps.trial, 0), doubles(steps.error, 0)
+    first, second = doubles(steps.k, 0), doubles(steps.k, n)
+    d0, d1 = _norm(n, x, x, method), _norm(n, first, x, method)
+    h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+    for i in range(n):
+        trial[i] = x[i] + h0 * first[i]
+    evaluate_field(net, trial, doubles(steps.record, steps.width), second)
+    for i in range(n):
+        error[i] = second[i] - first[i]
+    d2 = _norm(n, error, x, method) / h0
+    if d1 <= 1e-15 and d2 <= 1e-15:
+        h1 = max(1e-6, h0 * 1e-3)
+    else:
+        h1 = (0.01 / (d2 if d2 > d1 else d1)) ** (1.0 / method.order)
+    return min(100.0 * h0, h1)

@@ -1,0 +1,303 @@
+"""The loss Jacobian as two kernels and their fusion: solve, spectra and terms forward; pullback to the parameters.
+
+    theta -> field with mirrored weights -> recorded steps, trajectory -> A and its spectrum at the data times
+          -> values and slopes of the terms -> cotangents of spectra, states, steps -> gradients
+
+The user's own terms are evaluated between the two. Nothing is allocated but what a term allocates.
+"""
+
+import math
+from typing import NamedTuple
+
+from numba import carray
+
+from eigenode_cli.engines.compiled.algebra import add_scaled, clear
+from eigenode_cli.engines.compiled.integrate import OK, Method, Steps, integrate
+from eigenode_cli.engines.compiled.jacobian import jacobian, pull_back_jacobian, push_tangents
+from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, integers, shift, start_of
+from eigenode_cli.engines.compiled.mlp import Net, evaluate_field, mirror_weights, unpack_gradient
+from eigenode_cli.engines.compiled.pullback import Bars, adjoint, combine_rows, forward_sensitivities
+from eigenode_cli.engines.compiled.spectrum import Eigen, pull_back_spectrum, take_spectrum
+from eigenode_cli.jit import njit
+from eigenode_cli.terms.sol import sol
+from eigenode_cli.terms.spectral import SOL, spectral_terms
+
+STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED = range(6)
+"""Entries of `Core.outcome`: how the solve ended, steps, outputs that were reached, spectra that the terms are taken
+over, firings of the guard."""
+
+
+class Setup(NamedTuple):
+    """The problem as the kernels read it, for N data times, T spectra, K pairs; arrays by their addresses.
+
+    Attributes:
+        outputs, count, pair_count: N, T, K.
+        times: data times `(N,)`.
+        start: initial state `(n,)`.
+        data, mask: observations `(N, n)`.
+        indices: data times at which spectra are taken `(T,)`.
+        references: data states there `(T, n)`, over which the spectral terms are taken as well when a solve fails.
+        frequency, damping, pairs, stiffness: targets, one row for each of the T spectra and then again `(2 T, ...)`.
+        margin, errors, delta: of the terms.
+        stabilise: whether a failed solve gives spectral terms.
+    """
+
+    outputs: int
+    count: int
+    pair_count: int
+    times: int
+    start: int
+    data: int
+    mask: int
+    indices: int
+    references: int
+    frequency: int
+    damping: int
+    pairs: int
+    stiffness: int
+    margin: float
+    errors: int
+    delta: float
+    stabilise: bool
+
+
+class Work(NamedTuple):
+    """Addresses of the working space between the forward kernel and the pullback, for L terms.
+
+    Attributes:
+        records: of the evaluations at which spectra are taken `(2 T, curved.width)`, those at `references` last.
+        tangents: of one of them.
+        rate, a: a state derivative `(n,)`, a Jacobian `(n, n)`.
+        slopes: of the terms in the eigenvalues `(L, T, n)`, or `(L, 2 T, n)` after a failed solve.
+        solution_slope: of SOL in the trajectory `(N, n)`; `user_slopes` of the user's terms `(U, N, n)`.
+        partner, match: of the terms `(n,)`.
+        bar_a: cotangent of a Jacobian for each term `(L, m, n)`; `active` 1 where it is not zero `(L,)`.
+        units: unit cotangents `(m n, m, n)`; `rows_x (m n, n)` and `rows_theta (m n, P)` their pullbacks.
+        bar_x: cotangent of a state `(n,)`.
+        outcome: see above `(6,)`.
+    """
+
+    records: int
+    tangents: int
+    rate: int
+    a: int
+    slopes: int
+    solution_slope: int
+    user_slopes: int
+    partner: int
+    match: int
+    bar_a: int
+    active: int
+    units: int
+    rows_x: int
+    rows_theta: int
+    bar_x: int
+    outcome: int
+
+
+class Core(NamedTuple):
+    """Everything that stays the same from call to call; `net` records first derivatives, `curved` second ones too."""
+
+    net: Net
+    curved: Net
+    method: Method
+    eigen: Eigen
+    bars: Bars
+    setup: Setup
+    work: Work
+
+
+@njit
+def forward(core, steps, given, codes, vectors, values, states, spectra):
+    """Solve, take spectra, evaluate the named terms.
+
+    Args:
+        core: problem, field and working space; the parameters stand at `core.net.theta`.
+        steps: filled with the accepted steps.
+        given: steps to be taken as they are `(S,)`, of size 0 for adaptive ones.
+        codes: of the named terms `(L,)`: of `terms.spectral`; -1 - u for number u of the user's.
+        vectors: whether what the pullback needs of the spectra is computed.
+        values: filled with the terms `(L,)`, NaN where undefined or the user's.
+        states: filled with the trajectory `(N, n)`.
+        spectra: filled with the eigenvalues along it `(T, n)`.
+
+    Returns:
+        Status, or `integrate.FULL`.
+    """
+    setup, outcome, n = core.setup, integers(core.work.outcome, 0), core.net.n
+    mirror_weights(core.net)
+    times, start, trajectory = doubles(setup.times, 0), doubles(setup.start, 0), start_of(states)
+    status, accepted, rejected, reached = integrate(
+        core.net, core.method, steps, given.size, start_of(given), start, setup.outputs, times, trajectory
+    )
+    outcome[STATUS], outcome[ACCEPTED], outcome[REJECTED], outcome[REACHED] = status, accepted, rejected, reached
+    outcome[SPECTRA], outcome[GUARDED] = setup.count, 0
+    for t in range(setup.count):
+        state = shift(trajectory, integers(setup.indices, 0)[t] * n)
+        outcome[GUARDED] += _spectrum_at(core, state, t, vectors)
+    if status != OK and setup.stabilise:
+        outcome[SPECTRA] = 2 * setup.count
+        for t in range(setup.count):
+            state = doubles(setup.references, t * n)
+            outcome[GUARDED] += _spectrum_at(core, state, setup.count + t, vectors)
+    found = complexes(core.eigen.spectra, 0)
+    for t in range(setup.count):
+        for i in range(n):
+            spectra[t, i] = found[t * n + i]
+    _evaluate_terms(core, codes, values, states)
+    return status
+
+
+@njit
+def solve(core, steps, given, times, states):
+    """States `(D, n)` at other `times (D,)`, of a solve from the same initial state; returns as `integrate`."""
+    start = doubles(core.setup.start, 0)
+    return integrate(
+        core.net, core.method, steps, given.size, start_of(given), start, times.size, start_of(times), start_of(states)
+    )[0]
+
+
+@njit
+def _spectrum_at(core, state, row, vectors):
+    """Spectrum number `row` at a state `(n,)`, NaN where it was not reached; returns how often the guard fired."""
+    work, record = core.work, doubles(core.work.records, row * core.curved.width)
+    evaluate_field(core.curved, state, record, doubles(work.rate, 0))
+    jacobian(core.curved, record, doubles(work.tangents, 0), doubles(work.a, 0))
+    return take_spectrum(core.eigen, doubles(work.a, 0), row, vectors)
+
+
+@njit
+def _evaluate_terms(core, codes, values, states):
+    """Values of the named terms; their slopes go to `work.slopes` and `work.solution_slope`."""
+    setup, work, n = core.setup, core.work, core.net.n
+    count, status = integers(work.outcome, 0)[SPECTRA], integers(work.outcome, 0)[STATUS]
+    failed = status != OK
+    errors = carray(integers(setup.errors, 0), (6,))
+    counted = spectral_terms(
+        codes,
+        carray(complexes(core.eigen.spectra, 0), (count, n)),
+        carray(doubles(setup.frequency, 0), (count, setup.pair_count)),
+        carray(doubles(setup.damping, 0), (count, setup.pair_count)),
+        carray(integers(setup.pairs, 0), (count,)),
+        carray(doubles(setup.stiffness, 0), (count, 2)),
+        setup.margin,
+        errors,
+        setup.delta,
+        values,
+        carray(complexes(work.slopes, 0), (codes.size, count, n)),
+        carray(integers(work.partner, 0), (n,)),
+        carray(integers(work.match, 0), (n,)),
+    )
+    shape = (setup.outputs, n)
+    data, mask = carray(doubles(setup.data, 0), shape), carray(booleans(setup.mask, 0), shape)
+    slope = carray(doubles(work.solution_slope, 0), shape)
+    for l in range(codes.size):
+        if codes[l] == SOL:
+            values[l] = sol(states, data, mask, errors[SOL], setup.delta, slope)
+        elif codes[l] < 0 or counted == 0:
+            values[l] = math.nan
+        if failed and (codes[l] == SOL or not setup.stabilise):
+            values[l] = math.nan
+
+
+@njit
+def pull_back(core, steps, codes, forward_way, values, gradients):
+    """Fill `gradients (L, P)` from the slopes that `forward` and the user's terms left in `core.work`.
+
+    Args:
+        core, steps, codes: as in `forward`.
+        forward_way: forward sensitivities in place of the adjoint.
+        values: of the terms `(L,)`; the gradient of one that is NaN is NaN.
+        gradients: filled.
+    """
+    net, setup, work, bars = core.net, core.setup, core.work, core.bars
+    outcome = integers(work.outcome, 0)
+    if outcome[STATUS] != OK and not setup.stabilise:
+        gradients[:] = math.nan
+        return
+    clear(bars.terms * net.size, doubles(bars.packed, 0))
+    clear(setup.outputs * bars.terms * net.n, doubles(bars.states, 0))
+    for l in range(bars.terms):
+        if codes[l] <= SOL and not math.isnan(values[l]):
+            at = 0 if codes[l] == SOL else (-1 - codes[l]) * setup.outputs * net.n
+            slope = doubles(work.solution_slope if codes[l] == SOL else work.user_slopes, at)
+            for j in range(setup.outputs):
+                bar = doubles(bars.states, (j * bars.terms + l) * net.n)
+                add_scaled(net.n, 1.0, shift(slope, j * net.n), bar)
+    for t in range(outcome[SPECTRA]):
+        _pull_back_spectrum_at(core, t, outcome[SPECTRA])
+    if forward_way:
+        forward_sensitivities(net, core.method, steps, bars, setup.outputs)
+    else:
+        adjoint(net, core.method, steps, bars, setup.outputs)
+    for l in range(bars.terms):
+        if math.isnan(values[l]):
+            gradients[l, :] = math.nan
+        else:
+            unpack_gradient(net, doubles(bars.packed, l * net.size), shift(start_of(gradients), l * net.size))
+
+
+@njit
+def _pull_back_spectrum_at(core, t, count):
+    """Pull the slopes of all terms in spectrum t of `count` back to the state and to the parameters.
+
+    Where A has fewer entries that depend on the network than there are terms, the derivatives of these entries are
+    computed once and combined for each term.
+    """
+    net, work, bars = core.curved, core.work, core.bars
+    n, entries = net.n, net.m * net.n
+    flags, active = integers(work.active, 0), 0
+    for l in range(bars.terms):
+        slope, bar_a = complexes(work.slopes, (l * count + t) * n), doubles(work.bar_a, l * entries)
+        flags[l] = int(pull_back_spectrum(core.eigen, t, net.m, slope, bar_a))
+        active += flags[l]
+    if active == 0:
+        return
+    record, bar_x = doubles(work.records, t * net.width), doubles(work.bar_x, 0)
+    push_tangents(net, record, doubles(work.tangents, 0))
+    shared = entries < active
+    if shared:
+        _entry_rows(core, record)
+    for l in range(bars.terms):
+        if flags[l] == 1:
+            bar_a, gradient = doubles(work.bar_a, l * entries), doubles(bars.packed, l * net.size)
+            clear(n, bar_x)
+            if shared:
+                combine_rows(entries, n, bar_a, doubles(work.rows_x, 0), bar_x)
+                combine_rows(entries, net.size, bar_a, doubles(work.rows_theta, 0), gradient)
+            else:
+                _pull_back_matrix(core, record, bar_a, bar_x, gradient)
+            if t < core.setup.count:  # the other spectra are taken at given states
+                output = integers(core.setup.indices, 0)[t]
+                add_scaled(n, 1.0, bar_x, doubles(bars.states, (output * bars.terms + l) * n))
+
+
+@njit
+def _entry_rows(core, record):
+    """Fill `work.rows_x` and `work.rows_theta` with the derivatives of every entry of A that the network makes."""
+    net, work = core.curved, core.work
+    entries = net.m * net.n
+    clear(entries * net.n, doubles(work.rows_x, 0))
+    clear(entries * net.size, doubles(work.rows_theta, 0))
+    for e in range(entries):
+        row_x, row_theta = doubles(work.rows_x, e * net.n), doubles(work.rows_theta, e * net.size)
+        _pull_back_matrix(core, record, doubles(work.units, e * entries), row_x, row_theta)
+
+
+@njit
+def _pull_back_matrix(core, record, bar_a, bar_x, gradient):
+    tangents, scratch = doubles(core.work.tangents, 0), doubles(core.bars.scratch, 0)
+    pull_back_jacobian(core.curved, record, tangents, bar_a, bar_x, gradient, scratch)
+
+
+@njit
+def loss_jacobian(core, steps, given, codes, forward_way, values, gradients, states, spectra):
+    """`forward` and `pull_back` in one call."""
+    vectors = False
+    for l in range(codes.size):
+        if codes[l] != SOL:
+            vectors = True
+    status = forward(core, steps, given, codes, vectors, values, states, spectra)
+    if status >= 0:
+        pull_back(core, steps, codes, forward_way, values, gradients)
+    return status

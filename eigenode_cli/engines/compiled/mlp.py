@@ -1,0 +1,233 @@
+"""The vector field: a multilayer perceptron inside a structure, its value and its pullback (vector-Jacobian product).
+
+An evaluation leaves a record: the input of every layer and the slopes of the activations at it. With it neither a
+pullback nor a Jacobian evaluates an activation again.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenode_cli.engines.compiled.activations import ACTIVATIONS, activate, activate_twice
+from eigenode_cli.engines.compiled.algebra import add_outer, add_scaled, clear, copy, is_mirrored, multiply
+from eigenode_cli.engines.compiled.memory import address, doubles, integers, shift, whole_lines
+from eigenode_cli.jit import njit
+
+Floats = NDArray[np.float64]
+
+COLUMNS = 9
+INPUTS, OUTPUTS, WEIGHT, BIAS, VALUE, SLOPE, CURVE, STRIDE, TANGENT = range(COLUMNS)
+"""Columns of a layer table: dimensions; where weight and bias stand in theta; where the layer's input and the slopes and
+curvatures of the activation that made it stand in a record (-1 for not at all); the input's size in whole cache lines;
+where its tangents stand (`jacobian`)."""
+
+
+@dataclass(frozen=True)
+class MlpShape:
+    """What is fixed of a vector field `dx/dt = f(x; theta)`; theta is flat in the order of torch's parameters.
+
+    Attributes:
+        sizes: dimensions of input n, hidden layers, output m.
+        activation: of the hidden layers, one of `activations.ACTIVATIONS`; the output layer is linear.
+        structure: `second_order` (n = 2 m, the second half of the state is the derivative of the first and the
+            network gives the derivative of the second) or `full` (m = n).
+        input_scale: factors of the states `(n,)`.
+        output_scale: factors of the outputs `(m,)`.
+    """
+
+    sizes: tuple[int, ...]
+    activation: str
+    structure: str
+    input_scale: Floats
+    output_scale: Floats
+
+    def __post_init__(self) -> None:
+        if len(self.sizes) < 2 or min(self.sizes) < 1:
+            raise ValueError(f"sizes={self.sizes}: an input and an output are needed, each at least 1")
+        if self.activation not in ACTIVATIONS:
+            raise ValueError(f"activation={self.activation}: choose from {', '.join(ACTIVATIONS)}")
+        n, m = self.sizes[0], self.sizes[-1]
+        outputs = {"second_order": n // 2 if n % 2 == 0 else -1, "full": n}
+        if self.structure not in outputs:
+            raise ValueError(f"structure={self.structure}: choose from {', '.join(outputs)}")
+        if m != outputs[self.structure]:
+            raise ValueError(f"structure={self.structure}: {n} states and {m} outputs do not fit")
+        if self.input_scale.shape != (n,) or self.output_scale.shape != (m,):
+            raise ValueError(f"scales must have the shapes ({n},) and ({m},)")
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters P."""
+        return sum((a + 1) * b for a, b in zip(self.sizes[:-1], self.sizes[1:], strict=True))
+
+
+class Net(NamedTuple):
+    """A shape and its parameters as the kernels read them.
+
+    Attributes:
+        layers: address of the layer table `(last + 1, COLUMNS)` int64.
+        last: index of the output layer.
+        n, m, size: number of states, outputs, parameters.
+        activation: its code.
+        scale_in, scale_out: addresses of the scales `(n,)` and `(m,)`.
+        theta, mirror: addresses of the parameters `(size,)`, and of the same with every weight matrix transposed.
+        width: doubles that one evaluation leaves in a record; records hold second derivatives if `curved`.
+        curved: see above.
+        widest: the longest of all layers, in whole cache lines.
+        tangents: doubles of the tangents of all hidden layers in all directions (`jacobian`).
+    """
+
+    layers: int
+    last: int
+    n: int
+    m: int
+    size: int
+    activation: int
+    scale_in: int
+    scale_out: int
+    theta: int
+    mirror: int
+    width: int
+    curved: bool
+    widest: int
+    tangents: int
+
+
+def layer_table(shape: MlpShape, curved: bool) -> NDArray[np.int64]:
+    """The layer table of a shape `(D + 1, COLUMNS)`; records hold second derivatives only if `curved`."""
+    table = np.zeros((len(shape.sizes) - 1, COLUMNS), dtype=np.int64)
+    parameter, at, tangent = 0, 0, 0
+    for l, (inputs, outputs) in enumerate(zip(shape.sizes[:-1], shape.sizes[1:], strict=True)):
+        stride = whole_lines(inputs)
+        blocks = [at, -1, -1] if l == 0 else [at, at + stride, at + 2 * stride if curved else -1]
+        table[l] = [inputs, outputs, parameter, parameter + inputs * outputs, *blocks, stride, tangent]
+        parameter += (inputs + 1) * outputs
+        at = max(blocks) + stride
+        tangent += 0 if l == 0 else 2 * shape.sizes[0] * stride
+    return table
+
+
+def build_net(shape: MlpShape, table: NDArray[np.int64], scales: tuple[Floats, Floats], memory: tuple[Floats, Floats]) -> Net:
+    """The net of a shape on buffers of the caller's: its layer table, its scales, and room for theta and mirror `(P,)`."""
+    last, n = table[-1], shape.sizes[0]
+    return Net(
+        layers=address(table),
+        last=len(table) - 1,
+        n=n,
+        m=shape.sizes[-1],
+        size=shape.parameters,
+        activation=ACTIVATIONS[shape.activation],
+        scale_in=address(scales[0]),
+        scale_out=address(scales[1]),
+        theta=address(memory[0]),
+        mirror=address(memory[1]),
+        width=int(last[VALUE : CURVE + 1].max() + last[STRIDE]),
+        curved=bool(last[CURVE] >= 0) or len(table) == 1,
+        widest=whole_lines(max(shape.sizes)),
+        tangents=int(last[TANGENT] + 2 * n * last[STRIDE]),
+    )
+
+
+@njit
+def layer(net, l):
+    """Row of the layer table: a pointer to its columns."""
+    return integers(net.layers, l * COLUMNS)
+
+
+@njit
+def mirror_weights(net):
+    """Fill `net.mirror` from `net.theta`."""
+    theta, mirror = doubles(net.theta, 0), doubles(net.mirror, 0)
+    for l in range(net.last + 1):
+        inputs, outputs, at = layer(net, l)[INPUTS], layer(net, l)[OUTPUTS], layer(net, l)[WEIGHT]
+        for r in range(outputs):
+            for c in range(inputs):
+                mirror[at + c * outputs + r] = theta[at + r * inputs + c]
+
+
+@njit
+def unpack_gradient(net, packed, gradient):
+    """Bring a gradient `(P,)` from the order it was gathered in (`algebra.add_outer`) into that of theta."""
+    for l in range(net.last + 1):
+        inputs, outputs = layer(net, l)[INPUTS], layer(net, l)[OUTPUTS]
+        at, bias = layer(net, l)[WEIGHT], layer(net, l)[BIAS]
+        if is_mirrored(outputs, inputs):
+            for r in range(outputs):
+                for c in range(inputs):
+                    gradient[at + r * inputs + c] = packed[at + c * outputs + r]
+        else:
+            copy(inputs * outputs, shift(packed, at), shift(gradient, at))
+        copy(outputs, shift(packed, bias), shift(gradient, bias))
+
+
+@njit
+def evaluate_field(net, x, record, rate):
+    """Fill `rate (n,)` with `f(x)` for the state `x (n,)`, and `record (net.width,)` with what its derivatives need."""
+    n, m = net.n, net.m
+    scale_in, scale_out = doubles(net.scale_in, 0), doubles(net.scale_out, 0)
+    u = record
+    for i in range(n):
+        u[i] = x[i] * scale_in[i]
+    for l in range(net.last):
+        size, above = layer(net, l)[OUTPUTS], layer(net, l + 1)
+        z, slope = shift(record, above[VALUE]), shift(record, above[SLOPE])
+        _affine(net, l, u, z)
+        if net.curved:
+            activate_twice(net.activation, size, z, slope, shift(record, above[CURVE]))
+        else:
+            activate(net.activation, size, z, slope)
+        u = z
+    lead = n - m
+    y = shift(rate, lead)
+    _affine(net, net.last, u, y)
+    for o in range(m):
+        y[o] *= scale_out[o]
+    for i in range(lead):
+        rate[i] = x[m + i]
+
+
+@njit
+def _affine(net, l, u, z):
+    inputs, outputs, at = layer(net, l)[INPUTS], layer(net, l)[OUTPUTS], layer(net, l)[WEIGHT]
+    copy(outputs, doubles(net.theta, layer(net, l)[BIAS]), z)
+    multiply(outputs, inputs, doubles(net.theta, at), doubles(net.mirror, at), u, z)
+
+
+@njit
+def multiply_transposed(net, l, z, u):
+    """`u = W_l^T z`."""
+    inputs, outputs, at = layer(net, l)[INPUTS], layer(net, l)[OUTPUTS], layer(net, l)[WEIGHT]
+    clear(inputs, u)
+    multiply(inputs, outputs, doubles(net.mirror, at), doubles(net.theta, at), z, u)
+
+
+@njit
+def pull_back_outputs(net, record, seed, bar_x, packed, scratch):
+    """Add the pullback of a cotangent of the network's outputs: `bar_x += (dy/dx)^T seed`, `packed += (dy/dtheta)^T seed`.
+
+    Args:
+        record: of the evaluation.
+        seed: cotangent of the outputs `(m,)`.
+        bar_x: cotangent of the state `(n,)`, added to.
+        packed: cotangent of the parameters `(P,)` in the order of `algebra.add_outer`, added to.
+        scratch: working space, two times `net.widest`.
+    """
+    scale_in, scale_out = doubles(net.scale_in, 0), doubles(net.scale_out, 0)
+    bar_z, bar_u = scratch, shift(scratch, net.widest)
+    for o in range(net.m):
+        bar_z[o] = seed[o] * scale_out[o]
+    for l in range(net.last, -1, -1):
+        row = layer(net, l)
+        inputs, outputs = row[INPUTS], row[OUTPUTS]
+        add_scaled(outputs, 1.0, bar_z, shift(packed, row[BIAS]))
+        add_outer(outputs, inputs, bar_z, shift(record, row[VALUE]), shift(packed, row[WEIGHT]))
+        multiply_transposed(net, l, bar_z, bar_u)
+        if l > 0:
+            slope = shift(record, row[SLOPE])
+            for j in range(inputs):
+                bar_u[j] *= slope[j]
+        bar_z, bar_u = bar_u, bar_z
+    for i in range(net.n):
+        bar_x[i] += bar_z[i] * scale_in[i]

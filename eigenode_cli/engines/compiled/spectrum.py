@@ -1,0 +1,187 @@
+"""Spectrum of a real matrix, and how slopes in its eigenvalues pull back to the matrix.
+
+`d lambda_i = w_i^H dA v_i / (w_i^H v_i)` with left and right eigenvectors (J. R. Magnus, On differentiating eigenvalues
+and eigenvectors, Econometric Theory 1 (1985) 179-191), which is the paper's reverse rule for the eigenvalues (Sec.
+3.2, after Giles 2008) without an inverse. `1 / |w_i^H v_i|` of unit vectors is the condition of the eigenvalue: the
+guard bounds it, since it grows without limit where a pair merges.
+"""
+
+import math
+from typing import NamedTuple
+
+from eigenode_cli.engines.compiled.algebra import all_finite, clear, copy
+from eigenode_cli.engines.compiled.lapack import dgeev
+from eigenode_cli.engines.compiled.memory import complexes, doubles, shift
+from eigenode_cli.jit import njit, njit_sums
+
+
+class Eigen(NamedTuple):
+    """Spectra and what their pullback needs, with the working space of the routine; arrays by their addresses.
+
+    Attributes:
+        n: number of states.
+        max_condition: the guard: largest condition of an eigenvalue that its sensitivity may show.
+        spectra: eigenvalues of all T matrices `(T, n)`.
+        left: `conj(w_i) / (w_i^H v_i)`, guarded, `(T, n, n)`.
+        right_real, right_imag: parts of `v_i` `(T, n, n)`, so that `d lambda_i = sum_ab left[i, a] dA[a, b] right[i, b]`.
+        a: a matrix, destroyed `(n, n)`.
+        real, imag: eigenvalues `(n,)`.
+        vectors, covectors: eigenvectors as LAPACK packs them `(n, n)`.
+        space_size, space: of LAPACK.
+        words, letter: what LAPACK takes by reference, int32 `(3,)` and uint8 `(1,)`.
+        routine: address of LAPACK's routine (`lapack.DGEEV`).
+    """
+
+    n: int
+    max_condition: float
+    spectra: int
+    left: int
+    right_real: int
+    right_imag: int
+    a: int
+    real: int
+    imag: int
+    vectors: int
+    covectors: int
+    space_size: int
+    space: int
+    words: int
+    letter: int
+    routine: int
+
+
+@njit
+def take_spectrum(eigen, a, at, vectors):
+    """Fill spectrum number `at` with the eigenvalues of `a (n, n)` and, if `vectors`, what its pullback needs.
+
+    A matrix that is not finite, or on which LAPACK fails, has a spectrum of NaN. Returns how often the guard fired.
+    """
+    n = eigen.n
+    row = complexes(eigen.spectra, at * n)
+    if not all_finite(n * n, a):
+        for i in range(n):
+            row[i] = complex(math.nan, math.nan)
+        return 0
+    if n == 2:
+        return _two_by_two(eigen, a, at, vectors, row)
+    return _general(eigen, a, at, vectors, row)
+
+
+@njit
+def _two_by_two(eigen, a, at, vectors, row):
+    """Closed form: `lambda = m +- sqrt(delta^2 + b c)` with half the trace m and half the difference delta.
+
+    `A` less the other eigenvalue has rank one: its columns are multiples of v, its rows of w^H, and its trace is the
+    distance of the two eigenvalues.
+    """
+    mean, delta = 0.5 * (a[0] + a[3]), 0.5 * (a[0] - a[3])
+    discriminant = delta * delta + a[1] * a[2]
+    root = complex(math.sqrt(discriminant), 0.0) if discriminant >= 0.0 else complex(0.0, math.sqrt(-discriminant))
+    row[0], row[1] = mean + root, mean - root
+    fired = 0
+    if vectors:
+        for i in range(2):
+            shifted = root if i == 0 else -root
+            fired += _rank_one(eigen, shifted + delta, a[1], a[2], shifted - delta, 2.0 * shifted, 2 * at + i, i)
+    return fired
+
+
+@njit
+def _rank_one(eigen, p, q, r, s, trace, at, i):
+    """Vectors of the projector `[[p, q], [r, s]] / trace`, whose norm is the eigenvalue's condition.
+
+    Fills entry `at` of both eigenvectors; returns 1 if the guard fired.
+    """
+    left = complexes(eigen.left, 2 * at)
+    right_real, right_imag = doubles(eigen.right_real, 2 * at), doubles(eigen.right_imag, 2 * at)
+    norm = math.sqrt(abs(p) ** 2 + q * q + r * r + abs(s) ** 2)
+    if norm == 0.0:  # a multiple of the identity: any basis of eigenvectors will do
+        for c in range(2):
+            left[c] = complex(float(c == i), 0.0)
+            right_real[c], right_imag[c] = float(c == i), 0.0
+        return 0
+    fired = 0
+    size = abs(trace)
+    if not size * eigen.max_condition >= norm:
+        bound = norm / eigen.max_condition
+        trace = trace * (bound / size) if size > 0.0 else complex(bound, 0.0)
+        fired = 1
+    # the longer column is v, the row of its larger element divided by that element is w^H
+    if abs(p) ** 2 + r * r >= abs(s) ** 2 + q * q:
+        top, bottom = p, complex(r, 0.0)
+    else:
+        top, bottom = complex(q, 0.0), s
+    if abs(top) >= abs(bottom):
+        left[0], left[1] = p / (top * trace), q / (top * trace)
+    else:
+        left[0], left[1] = r / (bottom * trace), s / (bottom * trace)
+    right_real[0], right_imag[0] = top.real, top.imag
+    right_real[1], right_imag[1] = bottom.real, bottom.imag
+    return fired
+
+
+@njit
+def _general(eigen, a, at, vectors, row):
+    """LAPACK reads the rows of `a` as columns, so it sees the transpose, whose right eigenvectors are conj(w)."""
+    n = eigen.n
+    copy(n * n, a, doubles(eigen.a, 0))
+    info = dgeev(eigen, vectors)
+    real, imag = doubles(eigen.real, 0), doubles(eigen.imag, 0)
+    for i in range(n):
+        row[i] = complex(real[i], imag[i]) if info == 0 else complex(math.nan, math.nan)
+    fired = 0
+    if info == 0 and vectors:
+        for i in range(n):
+            fired += _unpack_vectors(eigen, at, i)
+    return fired
+
+
+@njit
+def _unpack_vectors(eigen, at, i):
+    """Vectors of eigenvalue i of matrix `at`, the left one divided by the guarded `w^H v`; returns 1 if the guard fired."""
+    n, start = eigen.n, (at * eigen.n + i) * eigen.n
+    left, right_real = complexes(eigen.left, start), doubles(eigen.right_real, start)
+    right_imag, imag = doubles(eigen.right_imag, start), doubles(eigen.imag, 0)[i]
+    # the members of a pair share two columns: real part and, for the first member, imaginary part
+    sign = 0.0 if imag == 0.0 else math.copysign(1.0, imag)
+    base = (i - 1 if sign < 0.0 else i) * n
+    other = base if sign == 0.0 else base + n
+    vectors, covectors = doubles(eigen.vectors, 0), doubles(eigen.covectors, 0)
+    product = complex(0.0, 0.0)
+    for c in range(n):
+        left[c] = complex(covectors[base + c], sign * covectors[other + c])
+        right_real[c], right_imag[c] = vectors[base + c], -sign * vectors[other + c]
+        product += left[c] * complex(right_real[c], right_imag[c])
+    size = abs(product)
+    fired = not size * eigen.max_condition >= 1.0
+    if fired:
+        product = product / (size * eigen.max_condition) if size > 0.0 else complex(1.0 / eigen.max_condition, 0.0)
+    for c in range(n):
+        left[c] /= product
+    return int(fired)
+
+
+@njit
+def pull_back_spectrum(eigen, at, m, slope, bar_a):
+    """Fill `bar_a (m, n)`, the cotangent of the last m rows of matrix `at`, with `sum_i Re(conj(slope_i) d lambda_i/dA)`.
+
+    `slope (n,)` is `dl/dRe + i dl/dIm` of each eigenvalue. Returns whether any is not zero.
+    """
+    n, active = eigen.n, False
+    clear(m * n, bar_a)
+    for i in range(n):
+        if slope[i].real != 0.0 or slope[i].imag != 0.0:
+            active = True
+            start = (at * n + i) * n
+            left = complexes(eigen.left, start + n - m)
+            for r in range(m):
+                factor = slope[i].conjugate() * left[r]
+                right_real, right_imag = doubles(eigen.right_real, start), doubles(eigen.right_imag, start)
+                _add_real_part(n, factor.real, factor.imag, right_real, right_imag, shift(bar_a, r * n))
+    return active
+
+
+@njit_sums
+def _add_real_part(n, real, imag, right_real, right_imag, row):
+    for c in range(n):
+        row[c] += real * right_real[c] - imag * right_imag[c]

@@ -1,0 +1,39 @@
+"""Mistakes of the user: collected, said in one line each, answered with the exit code 2."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+MOST = 12
+"""Longest list of options that one line of an error shows."""
+
+
+class UserError(Exception):
+    """What the user asked for cannot be done; one line for each fault, none of them a traceback."""
+
+    def __init__(self, faults: str | Sequence[str]) -> None:
+        self.faults = [faults] if isinstance(faults, str) else list(faults)
+        super().__init__("\n".join(self.faults))
+
+
+def nearest_first(name: str, options: Iterable[str]) -> list[str]:
+    """The options, those most like `name` first."""
+
+    def unlikeness(option: str) -> float:
+        return -difflib.SequenceMatcher(None, name.lower(), option.lower()).ratio()
+
+    return sorted(options, key=unlikeness)
+
+
+def nearest(name: str, options: Iterable[str]) -> str | None:
+    """The option that `name` was probably meant to be, or None."""
+    close = difflib.get_close_matches(name.lower(), list(options), n=1, cutoff=0.6)
+    return close[0] if close else None
+
+
+def unknown(kind: str, name: str, options: Iterable[str]) -> str:
+    """`unknown <kind> '<name>'` with the nearest option, if one is near, and all of them."""
+    ordered = nearest_first(name, options)
+    guess = nearest(name, ordered)
+    hint = f", did you mean {guess}?" if guess else ";"
+    more = ", ..." if len(ordered) > MOST else ""
+    return f"unknown {kind} '{name}'{hint} choose from {', '.join(ordered[:MOST])}{more}"

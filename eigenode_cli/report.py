@@ -1,0 +1,136 @@
+"""The report of one run: a single HTML page that needs nothing else, neither files nor a network."""
+
+from base64 import b64encode
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from omegaconf import OmegaConf
+
+from eigenode_cli.figures import figures_of, svg_of
+from eigenode_cli.figures.convergence import convergence_numbers
+from eigenode_cli.records import Metrics, Run, read_run
+from eigenode_cli.solve.status import Status
+
+ROWS = 12
+"""Most rows of the metrics table."""
+NOTHING = "\N{EN DASH}"
+"""Stands where there is no number."""
+
+
+def write_report(folder: Path) -> Path:
+    """Write `report.html` into the folder of a run, from its recorded files alone, and give its path.
+
+    The same recorded files give the same bytes.
+
+    Raises:
+        RecordError: a recorded file is missing or does not hold what is needed.
+    """
+    run = read_run(folder)
+    environment = Environment(
+        loader=PackageLoader("eigenode_cli", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    path = folder / "report.html"
+    path.write_text(environment.get_template("report.html.j2").render(page_content(run)), encoding="utf-8")
+    return path
+
+
+def page_content(run: Run) -> dict[str, Any]:
+    """Everything that stands on the page, by the names that the template uses."""
+    metrics = run.metrics
+    failures = Counter(status for status in metrics.status if status != Status.OK.label)
+    return {
+        "run": run,
+        "grads": "+".join(run.grads),
+        "tiles": headline(run),
+        "facts": facts(run),
+        "failures": dict(sorted(failures.items())),
+        "records": len(metrics.status),
+        "figures": [
+            {"name": name, "caption": caption, "source": _data_uri(svg_of(run, name))}
+            for name, caption in captions(run).items()
+            if name in figures_of(run)
+        ],
+        "table": metrics_table(metrics),
+        "config": OmegaConf.to_yaml(OmegaConf.create(run.config)),
+    }
+
+
+def number(value: float) -> str:
+    """Three significant digits, a dash where there is no number."""
+    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}") if np.isfinite(value) else NOTHING
+
+
+def headline(run: Run) -> list[dict[str, str]]:
+    """The result in four numbers: title, value, unit or remark of each."""
+    metrics, unit = run.metrics, run.states[0].unit
+    real, error = float(metrics.max_real[-1]), float(metrics.dense_error[-1])
+    side = "" if not np.isfinite(real) else "1/s, stable" if real < 0.0 else "1/s, not stable"
+    failed = int(metrics.failed.sum())
+    return [
+        {"title": "SOL, last record", "value": number(metrics.terms["sol"][-1]), "remark": ""},
+        {"title": "Dense error", "value": number(error), "remark": unit if np.isfinite(error) else ""},
+        {"title": "Largest real part", "value": number(real), "remark": side},
+        {"title": "Failed solves", "value": str(failed), "remark": f"of {len(metrics.status)} records"},
+    ]
+
+
+def facts(run: Run) -> list[tuple[str, str]]:
+    """What was run, as pairs of a word and its value."""
+    metrics = run.metrics
+    return [
+        ("system", run.system),
+        ("engine", run.engine),
+        ("parameters", f"{run.parameters:,}"),
+        ("training steps", f"{metrics.step[-1]:,.0f}"),
+        ("training time", f"{metrics.train_seconds[-1]:,.1f} s"),
+    ]
+
+
+def captions(run: Run) -> dict[str, str]:
+    """Caption of each figure, with the numbers that belong to it."""
+    minima = convergence_numbers(run).minima
+    levels = "; ".join(f"{number(m.level)} from step {m.start:,.0f} to {m.stop:,.0f}" for m in minima)
+    stood = f" Local minima (black-dashed): {levels}." if minima else " No local minimum was found."
+    return {
+        "convergence": "Terms over the training steps, unscaled, with their last values; zeros are not drawn." + stood,
+        "stability": "Largest real part of any eigenvalue along the trajectory. Stable systems lie below the border.",
+        "solution": "Model and truth over twice the training horizon, with the data that SOL compares.",
+        "eigenvalues": "Eigenvalues along the model's trajectory, coloured by time, and their targets.",
+        "phase": "Phase portrait of the first two states.",
+    }
+
+
+def metrics_table(metrics: Metrics) -> dict[str, Any]:
+    """Header and rows of the metrics table: the first record, some between, the last."""
+    chosen = np.unique(np.linspace(0, metrics.step.size - 1, ROWS).round().astype(int))
+    columns = {
+        **{name.upper() if name not in metrics.own_terms else name: values for name, values in metrics.terms.items()},
+        "max Re": metrics.max_real,
+        "dense error": metrics.dense_error,
+        "accepted": metrics.accepted,
+        "rejected": metrics.rejected,
+    }
+    rows = [
+        {
+            "failed": bool(metrics.failed[i]),
+            "cells": [
+                f"{metrics.step[i]:,.0f}",
+                *(number(float(values[i])) for values in columns.values()),
+                metrics.status[i],
+            ],
+        }
+        for i in chosen
+    ]
+    return {"header": ["step", *columns, "status"], "rows": rows}
+
+
+def _data_uri(svg: bytes) -> str:
+    """An SVG as the source of an image; as one, its ids can't clash with those of the next."""
+    return "data:image/svg+xml;base64," + b64encode(svg).decode("ascii")

@@ -1,0 +1,163 @@
+"""Composition: the shipped numbers, protocols, the user's own configs, and what a run gets to read."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from eigenode_cli.combine import COMBINATIONS
+from eigenode_cli.config import catalogue, names
+from eigenode_cli.config.catalogue import shipped_files, validate
+from eigenode_cli.config.compose import compose, restore, typed
+from eigenode_cli.config.composer import Composer
+from eigenode_cli.config.schema import SCHEMAS, CompiledEngineConfig, FixedSolverConfig, PolynomialConfig
+from eigenode_cli.errors import UserError
+from eigenode_cli.field import NETWORKS
+from eigenode_cli.field.activations import ACTIVATIONS
+from eigenode_cli.field.init import INITS
+from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
+from eigenode_cli.terms.errors import ERRORS
+
+
+def test_every_shipped_file_is_composed() -> None:
+    result = validate(Composer())
+    assert result.faults == []
+    assert result.files == shipped_files()
+    assert len(result.files) == 35
+    choices = sum(len(Composer().choices(group)) for group in SCHEMAS)
+    protocols_and_systems = 2 + 2 * 3
+    assert result.compositions == choices + protocols_and_systems
+
+
+def test_a_faulty_config_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "system").mkdir()
+    (tmp_path / "system" / "bad.yaml").write_text("# Bad\ndefaults: [vdp, _self_]\npoints: 1\n")
+    monkeypatch.setattr(catalogue, "_combinations", lambda composer: [("system=bad",)])
+    result = validate(Composer(str(tmp_path)))
+    assert result.faults[0] == "eigenode train system=bad: system.points=1: must be at least 2"
+    assert "configs/system/oscillator.yaml: no command reaches this file" in result.faults
+
+
+def test_the_paper() -> None:
+    config = compose([])
+    assert OmegaConf.to_container(config.optimizer) == {
+        "name": "adam",
+        "lr": 1e-3,
+        "beta1": 0.9,
+        "beta2": 0.999,
+        "eps": 1e-8,
+    }
+    assert dict(config.scale) == {"sol": 1, "frq": 10, "dmp": 1, "stb": 1000, "osc": 10, "stf": 0.1}
+    assert (config.solver.name, config.solver.rtol, config.solver.atol) == ("tsit5", 1e-3, 1e-6)
+    assert (config.system.mu, config.system.horizon, config.system.points) == (2, 30, 91)
+    assert (config.network.hidden, config.network.init, config.trainer.steps) == ([32], "glorot", 5000)
+    assert (config.protocol, config.grads, config.seed) == ("paper", "sol+frq+dmp+osc", 0)
+    assert not config.combine.repeat_last_update
+
+
+def test_sparse_oscillator_is_an_oscillator_with_its_own_name_and_steps() -> None:
+    config = compose(["system=sparse_oscillator"])
+    assert (config.system.name, config.system.dynamics) == ("sparse_oscillator", "oscillator")
+    assert (config.system.points, config.system.horizon, config.trainer.steps) == (14, 9.75, 7500)
+    assert compose(["system=sparse_oscillator", "trainer.steps=5"]).trainer.steps == 5
+
+
+def test_the_authors() -> None:
+    config = compose(["protocol=authors"])
+    assert (config.network.init, config.combine.repeat_last_update) == ("uniform01", True)
+    assert (config.system.points, config.scale.stf) == (101, 1e-3)
+    other = compose(["protocol=authors", "system=oscillator", "combine=sum", "network=polynomial"])
+    assert (other.scale.stf, other.combine.name, other.network.name) == (0.1, "sum", "polynomial")
+
+
+def test_grads_are_canonical() -> None:
+    assert compose(["grads=OSC+sol+Frq"]).grads == "sol+frq+osc"
+
+
+def test_typed_objects_have_the_class_of_the_choice() -> None:
+    config = typed(compose(["solver=rk4", "network=polynomial", "engine=compiled"]))
+    assert isinstance(config.solver, FixedSolverConfig)
+    assert isinstance(config.network, PolynomialConfig)
+    assert isinstance(config.engine, CompiledEngineConfig)
+
+
+@pytest.mark.parametrize("words", [[], ["solver=rk4", "target=stated", "grads=sol", "combine=mix", "engine=compiled"]])
+def test_restored_from_a_record(words: list[str]) -> None:
+    config = compose(words)
+    record = OmegaConf.to_container(config)
+    assert isinstance(record, dict)
+    assert restore({str(key): value for key, value in record.items()}) == typed(config)
+
+
+def test_a_record_of_another_version_is_refused() -> None:
+    with pytest.raises(UserError, match=r"run\.json: not a configuration of this version"):
+        restore({"solver": {"name": "tsit5", "tolerance": 1}})
+
+
+def test_the_choices_of_a_group_are_told_apart_by_their_options() -> None:
+    for schemas in SCHEMAS.values():
+        options = [frozenset(entry.name for entry in fields(schema)) for schema in schemas.values()]
+        assert len(set(options)) == len(options)
+
+
+def test_own_term(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "my_own_term.py").write_text("def distance(*_):\n    return 0.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    config = compose(["+terms.mine=my_own_term:distance", "grads=mine+sol"])
+    assert (config.grads, config.scale.mine) == ("sol+mine", 1.0)
+    assert compose(["terms.mine=my_own_term:distance", "grads=mine", "scale.mine=7"]).scale.mine == 7
+    with pytest.raises(UserError, match="did you mean distance"):
+        compose(["terms.mine=my_own_term:distanze", "grads=mine"])
+
+
+def test_own_system(tmp_path: Path) -> None:
+    (tmp_path / "system").mkdir()
+    (tmp_path / "system" / "mild.yaml").write_text("# Mild\ndefaults: [vdp, _self_]\nmu: 0.1\n")
+    config = compose(["system=mild"], config_dir=str(tmp_path))
+    assert (config.system.name, config.system.dynamics, config.system.mu) == ("mild", "vdp", 0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("defaults: [vdp, _self_]\nmuh: 0.1\n", "Key 'muh' not in 'VanDerPolConfig'"),
+        ("defaults: [vpd, _self_]\n", "In 'system/mine': Could not load 'system/vpd'"),
+        ("defaults: [vdp, _self_]\nmu: [\n", "while parsing"),
+        ("defaults: [vdp, _self_]\ndynamics: duffing\n", "unknown dynamics 'duffing'; choose from"),
+        ("defaults: [/schema/system/vdp@_here_, _self_]\ndynamics: vdp\n", "system.initial_state: missing"),
+    ],
+)
+def test_a_fault_in_an_own_system(text: str, fault: str, tmp_path: Path) -> None:
+    (tmp_path / "system").mkdir()
+    (tmp_path / "system" / "mine.yaml").write_text(text)
+    with pytest.raises(UserError) as caught:
+        compose(["system=mine"], config_dir=str(tmp_path))
+    assert fault in caught.value.faults[0]
+    assert all("\n" not in line for line in caught.value.faults)
+
+
+def test_own_primary_config_and_own_group(tmp_path: Path) -> None:
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "short.yaml").write_text("# @package _global_\ntrainer:\n  steps: 7\n")
+    assert compose(["+study=short"], config_dir=str(tmp_path)).trainer.steps == 7
+    with pytest.raises(UserError, match=r"write \+study=short"):
+        compose(["study=short"], config_dir=str(tmp_path))
+
+
+def test_lists_of_names_are_those_of_the_modules() -> None:
+    assert tuple(ACTIVATIONS) == names.ACTIVATIONS
+    assert tuple(INITS) == names.INITS
+    assert tuple(ERRORS) == names.ERRORS
+
+
+def test_every_solver_config_is_implemented() -> None:
+    solvers = {name: compose([f"solver={name}"]).solver for name in Composer().choices("solver")}
+    assert {name for name, solver in solvers.items() if "rtol" in solver} == set(ADAPTIVE)
+    assert {name for name, solver in solvers.items() if "step" in solver} == set(FIXED)
+    assert all(name == solver.name for name, solver in solvers.items())
+
+
+def test_every_combination_and_network_is_implemented() -> None:
+    assert set(Composer().choices("combine")) == set(COMBINATIONS)
+    assert set(Composer().choices("network")) == set(NETWORKS)

@@ -1,0 +1,297 @@
+"""The command line as a whole: exit codes, folders, and what is handed to a run."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+import yaml
+
+import eigenode_cli
+from eigenode_cli import __version__
+from eigenode_cli.cli import COMMANDS, main
+from eigenode_cli.commands import configs
+from eigenode_cli.config.catalogue import Validation
+from eigenode_cli.config.schema import MlpConfig, TrainConfig
+from eigenode_cli.paths import claim_folder, slug
+
+ROOT = Path(eigenode_cli.__file__).parents[1]
+
+
+class Runs(list[tuple[TrainConfig, Path]]):
+    """What was handed to `run.train`, and the status that it answers with."""
+
+    status = 0
+
+
+@pytest.fixture
+def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
+    """A stand-in for `eigenode_cli.run` that records and writes run.json, in an empty current folder."""
+    recorded = Runs()
+    module = ModuleType("eigenode_cli.run")
+
+    def train(config: TrainConfig, folder: Path) -> int:
+        (folder / "run.json").write_text("{}")
+        recorded.append((config, folder))
+        return recorded.status
+
+    module.train = train  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "eigenode_cli.run", module)
+    monkeypatch.setattr(eigenode_cli, "run", module, raising=False)
+    monkeypatch.chdir(tmp_path)
+    return recorded
+
+
+def process(command: list[str], folder: Path) -> "subprocess.CompletedProcess[str]":
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_a_run_gets_its_configuration_and_a_folder_named_for_people(runs: Runs) -> None:
+    assert main(["train", "system=oscillator", "grads=STB+sol", "seed=3"]) == 0
+    [(config, folder)] = runs
+    assert isinstance(config, TrainConfig)
+    assert isinstance(config.network, MlpConfig)
+    assert (config.system.name, config.grads, config.seed, config.protocol) == ("oscillator", "sol+stb", 3, "paper")
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d_oscillator_sol\+stb_seed3", folder.name)
+    assert folder.parent == Path("outputs").resolve()
+    assert yaml.safe_load((folder / ".hydra" / "overrides.yaml").read_text()) == [
+        "system=oscillator",
+        "grads=sol+stb",
+        "seed=3",
+    ]
+    assert not list(folder.glob("*.log"))
+
+
+def test_runs_of_one_second_have_folders_of_their_own(runs: Runs) -> None:
+    for _ in range(3):
+        assert main(["train"]) == 0
+    assert len({folder for _, folder in runs}) == 3
+
+
+def test_a_claimed_folder_is_new(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folders = [claim_folder("vdp_sol_seed0") for _ in range(5)]
+    assert len(set(folders)) == 5
+    assert all(folder.is_dir() for folder in folders)
+    assert any(folder.name.endswith("seed0-2") for folder in folders)
+
+
+def test_own_folder_wins_and_is_not_overwritten(runs: Runs, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "hydra.run.dir=here"]) == 0
+    assert runs[0][1] == Path("here").resolve()
+    assert main(["train", "hydra.run.dir=here"]) == 2
+    assert "hydra.run.dir=here: holds a run already" in capsys.readouterr().err
+    assert len(runs) == 1
+    assert not Path("outputs").exists()
+
+
+def test_a_sweep(runs: Runs) -> None:
+    assert main(["train", "-m", "system=vdp,oscillator", "grads=frq+sol,sol", "seed=range(2)"]) == 0
+    assert len(runs) == 8
+    assert len({folder.parent for _, folder in runs}) == 1
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d_sweep", runs[0][1].parent.name)
+    assert runs[0][1].name == "grads=sol+frq,seed=0,system=vdp"
+
+
+def test_flags_may_stand_anywhere(runs: Runs) -> None:
+    assert main(["train", "seed=0,1", "-m", "system=vdp"]) == 0
+    assert [config.seed for config, _ in runs] == [0, 1]
+
+
+@pytest.mark.parametrize(("status", "started"), [(1, 2), (130, 1)])
+def test_the_status_of_a_sweep(runs: Runs, status: int, started: int) -> None:
+    runs.status = status
+    assert main(["train", "-m", "seed=0,1"]) == status
+    assert len(runs) == started
+
+
+@pytest.mark.parametrize("status", [0, 1, 130])
+def test_the_status_of_a_run(runs: Runs, status: int) -> None:
+    runs.status = status
+    assert main(["train"]) == status
+
+
+def test_calls_leave_the_process_as_it_was(runs: Runs) -> None:
+    before = (list(sys.argv), list(sys.path), dict(os.environ), signal.getsignal(signal.SIGTERM))
+    assert main(["train"]) == 0
+    assert main(["train", "sede=1"]) == 2
+    assert main(["train", "-m", "seed=0,1"]) == 0
+    assert (list(sys.argv), list(sys.path), dict(os.environ), signal.getsignal(signal.SIGTERM)) == before
+    assert len(runs) == 3
+
+
+def test_own_configs_and_own_code(runs: Runs, tmp_path: Path) -> None:
+    (tmp_path / "mine" / "system").mkdir(parents=True)
+    (tmp_path / "mine" / "system" / "mild.yaml").write_text("# Mild\ndefaults: [vdp, _self_]\nmu: 0.1\n")
+    (tmp_path / "mine" / "cli_test_terms.py").write_text("def far(*_):\n    return 0.0\n")
+    words = ["train", "--config-dir", "mine", "system=mild", "+terms.far=cli_test_terms:far", "grads=far+sol"]
+    assert main(words) == 0
+    [(config, folder)] = runs
+    assert (config.system.name, config.grads, config.scale["far"]) == ("mild", "sol+far", 1.0)
+    assert "_mild_sol+far_" in folder.name
+
+
+@pytest.mark.parametrize(
+    ("words", "shown"),
+    [
+        (["--cfg", "job"], "  name: ${hydra:runtime.choices.system}\n  dynamics: vdp"),
+        (["--cfg", "job", "--resolve", "system=sparse_oscillator", "-p", "system"], "name: sparse_oscillator"),
+        (["system=oscillator", "--cfg", "job", "seed=5"], "seed: 5"),
+        (["--info", "searchpath"], str(ROOT / "configs")),
+        (["--help"], "eigenode train system=vdp grads=sol+frq+dmp+osc"),
+        (["--hydra-help"], "--multirun"),
+    ],
+)
+def test_hydras_flags_print_and_make_no_folder(
+    words: list[str], shown: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", *words]) == 0
+    assert shown in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as done:
+        main(["--version"])
+    assert done.value.code == 0
+    assert capsys.readouterr().out == f"eigenode {__version__}\n"
+    assert main([]) == 0
+    out = capsys.readouterr().out
+    assert all(f"\n    {command.name} " in out for command in COMMANDS)
+
+
+def test_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list"]) == 0
+    groups = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert groups[0] == "system"
+    assert {"solver", "protocol", "terms"} <= set(groups)
+    for group in groups:
+        assert main(["list", group]) == 0
+        assert all(len(line.split(maxsplit=1)) == 2 for line in capsys.readouterr().out.splitlines())
+    assert main(["list", "protocol"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "authors  the code behind the figures of the paper's first version",
+        "paper    the text of the paper, gaps filled from the authors' first code",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("faults", "status", "said"),
+    [([], 0, "7 configurations from 2 files are valid\n"), (["a", "b"], 2, "eigenode: error: a\neigenode: error: b\n")],
+)
+def test_validate(
+    faults: list[str], status: int, said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(configs, "validate", lambda composer: Validation(7, {"x.yaml", "y.yaml"}, faults))
+    assert main(["validate"]) == status
+    captured = capsys.readouterr()
+    assert captured.out + captured.err == said
+
+
+@pytest.mark.parametrize("command", ["plot", "report", "resume"])
+def test_what_is_not_a_run(
+    command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "outputs" / "2026-11-24_vdp").mkdir(parents=True)
+    (tmp_path / "outputs" / "empty").mkdir()
+    (tmp_path / "outputs" / "sweep" / "seed=0").mkdir(parents=True)
+    (tmp_path / "outputs" / "sweep" / "seed=0" / "run.json").write_text("{")
+    (tmp_path / "outputs" / "2026-11-24_vdp" / "run.json").write_text("{")
+    expected = {
+        "outputs/2026-11-25_vdp": "no such folder, did you mean outputs/2026-11-24_vdp?",
+        "outputs/empty": "not the folder of a run, it has no run.json",
+        "sweep": "a sweep, name one of its 1 runs, for example outputs/sweep/seed=0",
+        "2026-11-24_vdp": "its run.json cannot be read" if command == "resume" else "the run has no metrics.csv",
+    }
+    for folder, answer in expected.items():
+        assert main([command, folder]) == 2
+        assert f"eigenode: error: {folder}: {answer}" in capsys.readouterr().err
+
+
+def test_a_finished_run_is_not_resumed(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "run.json").write_text('{"status": "finished"}')
+    assert main(["resume", str(tmp_path)]) == 2
+    assert "the run is finished" in capsys.readouterr().err
+
+
+def test_plot_and_report_print_what_they_wrote(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("run.json", "metrics.csv"):
+        (tmp_path / name).touch()
+    figures = SimpleNamespace(draw_run=lambda folder: [folder / "plots" / "phase.png"])
+    report = SimpleNamespace(write_report=lambda folder: folder / "report.html")
+    monkeypatch.setitem(sys.modules, "eigenode_cli.figures", figures)
+    monkeypatch.setitem(sys.modules, "eigenode_cli.report", report)
+    assert main(["plot", str(tmp_path)]) == 0
+    assert main(["report", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.split() == [str(tmp_path / "plots" / "phase.png"), str(tmp_path / "report.html")]
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("eigenode tr", "train resume plot report list validate"),
+        ("eigenode train system=", "system=oscillator system=sparse_oscillator system=vdp"),
+        ("eigenode train scale.s", "scale.sol= scale.stb= scale.stf="),
+        ("eigenode plot ", ""),
+    ],
+)
+def test_completion(
+    line: str, offered: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COMP_LINE", line)
+    assert main(["-sc", "query=bash"]) == 0
+    assert capsys.readouterr().out.strip() == offered
+
+
+def test_completion_is_installed_for_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["-sc", "install=bash"]) == 0
+    assert capsys.readouterr().out.endswith("complete -o nospace -o default -F hydra_bash_completion eigenode\n")
+
+
+def test_slug_keeps_texts_apart() -> None:
+    assert slug("grads=sol+frq,seed=0") == "grads=sol+frq,seed=0"
+    assert slug("a/b") != slug("a-b")
+    assert "/" not in slug("a/b")
+    assert len(slug("x" * 300)) <= 110
+    assert slug("x" * 300) != slug("x" * 301)
+    assert slug("..").startswith("run-")
+
+
+def test_a_real_process_answers_a_wrong_line(tmp_path: Path) -> None:
+    done = process([sys.executable, "-m", "eigenode_cli", "train", "grads=sol+frg", "sede=1"], tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert [line.split(":")[2].strip() for line in done.stderr.splitlines()] == ["sede=1", "grads=sol+frg"]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", [["train", "eigen.every=999"], ["train", "-m", "seed=-1,0"], ["list"]])
+def test_no_heavy_import_before_everything_is_checked(words: list[str], tmp_path: Path) -> None:
+    script = (
+        "import sys; from eigenode_cli.cli import main; main(sys.argv[1:]);"
+        "print({'torch', 'numba', 'pandas', 'scipy', 'matplotlib'} & set(sys.modules))"
+    )
+    assert process([sys.executable, "-c", script, *words], tmp_path).stdout.splitlines()[-1] == "set()"
+
+
+def test_sigterm_interrupts(tmp_path: Path) -> None:
+    script = (
+        "import os, signal, sys, types, eigenode_cli\n"
+        "run = types.ModuleType('eigenode_cli.run')\n"
+        "run.train = lambda config, folder: os.kill(os.getpid(), signal.SIGTERM) or 0\n"
+        "sys.modules['eigenode_cli.run'] = eigenode_cli.run = run\n"
+        "from eigenode_cli.cli import main\n"
+        "sys.exit(main(['train']))\n"
+    )
+    done = process([sys.executable, "-c", script], tmp_path)
+    assert (done.returncode, done.stderr) == (130, "eigenode: interrupted\n")
