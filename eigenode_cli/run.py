@@ -189,10 +189,10 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool) ->
             "unsolvable_steps": progress.unsolvable_steps,
             "guard_count": progress.guard_count,
         }
-    record["final"] = last
     load_flat(setup.field, theta)
     write_solution(folder, setup.system, setup.engine, theta, setup.data, config.system.horizon)
     write_eigenvalues(folder, setup.system, setup.field, setup.engine, theta, setup.problem, config.target)
+    record["final"] = last
     print(summary(last, progress))
 
 

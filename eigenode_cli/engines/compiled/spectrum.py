@@ -97,8 +97,8 @@ def _rank_one(eigen, p, q, r, s, trace, at, i):
     norm = math.sqrt(abs(p) ** 2 + q * q + r * r + abs(s) ** 2)
     if norm == 0.0:  # a multiple of the identity: any basis of eigenvectors will do
         for c in range(2):
-            left[c] = complex(float(c == i), 0.0)
-            right_real[c], right_imag[c] = float(c == i), 0.0
+            left[c] = complex(1.0 if c == i else 0.0, 0.0)
+            right_real[c], right_imag[c] = 1.0 if c == i else 0.0, 0.0
         return 0
     fired = 0
     size = abs(trace)

@@ -1,0 +1,198 @@
+"""The training loop with stub engines: order of events, failed solves, interruption."""
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from eigenode_cli.combine import COMBINATIONS
+from eigenode_cli.config.schema import SgdConfig, TrainerConfig
+from eigenode_cli.console import LineDisplay
+from eigenode_cli.data import Floats
+from eigenode_cli.engines.base import Evaluation, LossJacobian
+from eigenode_cli.optimizer import build_optimizer
+from eigenode_cli.recorder import Progress, Recorder, load_last
+from eigenode_cli.solve.status import Status
+from eigenode_cli.trainer import Trainer, Unsolvable, summary
+
+TIMES = np.linspace(0.0, 1.0, 1000)
+
+
+class Bowl:
+    """Two terms, theta^2 and theta; not solvable while theta is larger than a limit."""
+
+    name = "stub"
+    compile_seconds = 0.0
+
+    def __init__(self, limit: float = np.inf) -> None:
+        self.limit = limit
+        self.seen: list[float] = []
+
+    def loss_jacobian(self, theta: Floats) -> LossJacobian:
+        self.seen.append(float(theta[0]))
+        solved = theta[0] <= self.limit
+        x = theta[0]
+        return LossJacobian(
+            values=np.array([x**2 if solved else np.nan, x]),
+            gradients=np.array([[2 * x if solved else np.nan], [1.0]]),
+            trajectory=np.zeros((3, 2)),
+            spectra=np.full((3, 2), x + 0j),
+            status=Status.OK if solved else Status.UNDERFLOW,
+            n_accepted=3,
+            n_rejected=1,
+            guard_count=2,
+        )
+
+    def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
+        jacobian = self.loss_jacobian(theta)
+        return Evaluation(
+            values=np.array([jacobian.values[0], 0.0, 0.0, jacobian.values[1], 0.0, 0.0]),
+            trajectory=jacobian.trajectory,
+            spectra=jacobian.spectra,
+            status=jacobian.status,
+            n_accepted=3,
+            n_rejected=1,
+            dense=np.full((times.size, 2), theta[0]),
+        )
+
+
+Make = Callable[..., Trainer]
+
+
+@pytest.fixture
+def make() -> Iterator[Make]:
+    """Build trainers whose files are closed at the end of the test."""
+    trainers: list[Trainer] = []
+
+    def build(folder: Path, engine: Bowl, start: float, **changes: object) -> Trainer:
+        trainers.append(make_trainer(folder, engine, start, **changes))
+        return trainers[-1]
+
+    yield build
+    for trainer in trainers:
+        trainer.recorder.close()
+
+
+def make_trainer(folder: Path, engine: Bowl, start: float, **changes: object) -> Trainer:
+    options = {"steps": 10, "record_every": 4, "checkpoint_every": 5, "on_unsolvable": "stabilise"}
+    config = TrainerConfig(**(options | changes))  # type: ignore[arg-type]
+    recorder = Recorder(folder, ("sol", "frq", "dmp", "stb", "osc", "stf"), np.zeros(TIMES.size))
+    recorder.open(None)
+    return Trainer(
+        engine=engine,
+        optimizer=build_optimizer(SgdConfig(name="sgd", lr=0.1, momentum=0.0), 1),
+        combination=COMBINATIONS["sequential"],
+        terms=("sol", "stb"),
+        scales=np.array([1.0, 2.0]),
+        config=config,
+        recorder=recorder,
+        display=LineDisplay("stub", 0, 10),
+        dense_times=TIMES,
+        theta=np.array([start]),
+        network=lambda theta: {"layers.0.weight": torch.from_numpy(theta.copy())},
+        progress=Progress(),
+    )
+
+
+def test_updates_follow_one_another_from_one_loss_jacobian(make: Make, tmp_path: Path) -> None:
+    trainer = make(tmp_path, Bowl(), 1.0, steps=1)
+    trainer.run()
+    assert trainer.theta[0] == pytest.approx(1.0 - 0.1 * 2.0 - 0.1 * 2.0 * 1.0)
+
+
+def test_records_and_checkpoints_fall_on_their_steps_and_on_the_last(make: Make, tmp_path: Path) -> None:
+    last = make(tmp_path, Bowl(), 1.0).run()
+    rows = (tmp_path / "metrics.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["step", "0", "4", "8", "10"]
+    names = sorted(path.name for path in (tmp_path / "checkpoints").iterdir())
+    assert names == [
+        "last.json",
+        "last.safetensors",
+        "step-000000.safetensors",
+        "step-000005.safetensors",
+        "step-000010.safetensors",
+    ]
+    assert last["step"] == 10
+
+
+def test_a_failed_solve_heals_and_says_so(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    trainer = make(tmp_path, Bowl(limit=0.5), 1.0)
+    row = trainer.run()
+    said = capsys.readouterr().out
+    assert "step 0: the solve failed (underflow); SOL is skipped, the spectral terms go on until it succeeds" in said
+    assert "step 3: solvable again after 3 steps of stabilisation" in said
+    assert trainer.progress.unsolvable_steps == 3
+    assert trainer.progress.unsolvable_since is None
+    assert "3 unsolvable steps" in summary(row, trainer.progress)
+    first = (tmp_path / "metrics.csv").read_text().splitlines()[1].split(",")
+    assert first[3] == ""  # SOL is not defined there, and an absent metric is never 0
+    assert "underflow" in first
+
+
+def test_skip_leaves_the_parameters_alone(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    class Undefined(Bowl):
+        def loss_jacobian(self, theta: Floats) -> LossJacobian:
+            nothing = np.full((2, 1), np.nan)
+            return dataclasses.replace(super().loss_jacobian(theta), values=nothing[:, 0], gradients=nothing)
+
+    trainer = make(tmp_path, Undefined(limit=0.5), 1.0, on_unsolvable="skip")
+    trainer.run()
+    assert trainer.theta[0] == 1.0
+    assert trainer.progress.unsolvable_steps == 10
+    assert "leaves the parameters as they are" in capsys.readouterr().out
+
+
+def test_stop_ends_the_run_with_a_name(make: Make, tmp_path: Path) -> None:
+    with pytest.raises(Unsolvable, match=r"underflow\) at step 0"):
+        make(tmp_path, Bowl(limit=0.5), 1.0, on_unsolvable="stop").run()
+
+
+def interrupted_after(engine: Bowl, steps: int) -> Callable[[Floats], LossJacobian]:
+    original, calls = engine.loss_jacobian, []
+
+    def loss_jacobian(theta: Floats) -> LossJacobian:
+        calls.append(1)
+        if len(calls) > steps:
+            raise KeyboardInterrupt
+        return original(theta)
+
+    return loss_jacobian
+
+
+def test_interruption_saves_where_it_stands_and_resumes_to_the_same_bytes(make: Make, tmp_path: Path) -> None:
+    whole = make(tmp_path / "whole", Bowl(), 1.0)
+    whole.run()
+    cut = make(tmp_path / "cut", Bowl(), 1.0)
+    cut.engine.loss_jacobian = interrupted_after(cut.engine, 9)  # type: ignore[method-assign, arg-type]
+    with pytest.raises(KeyboardInterrupt):
+        cut.run()
+    saved = load_last(tmp_path / "cut")
+    assert saved is not None
+    again = make(tmp_path / "again", Bowl(), 1.0)
+    again.progress, again.theta, state = saved
+    for name, array in again.optimizer.state().items():
+        array[:] = state[name]
+    again.recorder.close()
+    again.recorder = cut.recorder  # the folder of the run that was cut
+    cut.recorder.close()
+    again.recorder.open(again.progress.step)
+    again.run()
+    assert again.theta.tobytes() == whole.theta.tobytes()
+    for name in ("whole", "cut"):
+        rows = [row.split(",") for row in (tmp_path / name / "metrics.csv").read_text().splitlines()]
+        for row in rows:
+            del row[1]  # the time
+        (tmp_path / f"{name}.txt").write_text(str(rows))
+    assert (tmp_path / "whole.txt").read_text() == (tmp_path / "cut.txt").read_text()
+
+
+def test_a_half_written_row_is_cut_off(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, ("sol", "frq", "dmp", "stb", "osc", "stf"), np.zeros(3))
+    header = "step,train_seconds"
+    (tmp_path / "metrics.csv").write_text(f"{header}\n0,1\n4,1\n8,1\n12,0.")
+    recorder.open(8)
+    recorder.close()
+    assert [row.split(",")[0] for row in (tmp_path / "metrics.csv").read_text().splitlines()] == ["step", "0", "4"]
