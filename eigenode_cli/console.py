@@ -1,5 +1,6 @@
 """What a person sees while a run goes on: a bar with the current losses on a terminal, plain lines in a pipe."""
 
+import math
 import sys
 from types import TracebackType
 from typing import Protocol, Self
@@ -31,7 +32,7 @@ class Display(Protocol):
 
 def describe(losses: dict[str, float]) -> str:
     """The losses in one short line, `sol 0.578  frq 0.0123`; a dash where one is not defined."""
-    return "  ".join(f"{name} {value:.3g}" if value == value else f"{name} -" for name, value in losses.items())
+    return "  ".join(f"{name} -" if math.isnan(value) else f"{name} {value:.3g}" for name, value in losses.items())
 
 
 def duration(seconds: float) -> str:

@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 import numba
+from numba.core import config
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -30,15 +31,15 @@ def _cache_folder() -> Path:
     folder = Path(base) / "eigenode" / _source_hash()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = tempfile.TemporaryFile(dir=folder)
-        probe.close()
+        with tempfile.TemporaryFile(dir=folder):
+            pass
     except OSError:
         folder = Path(tempfile.mkdtemp(prefix="eigenode-cache-"))
     return folder
 
 
 if not os.environ.get("NUMBA_CACHE_DIR"):
-    numba.config.CACHE_DIR = str(_cache_folder())
+    config.CACHE_DIR = str(_cache_folder())  # pyright: ignore[reportAttributeAccessIssue]  # set by name
 
 njit = numba.njit(cache=True, nogil=True, error_model="numpy")
 """Decorator of every kernel: cached on disk, GIL released, IEEE division. No fastmath: NaN must be seen."""

@@ -1,7 +1,7 @@
 """Optimizers on a flat parameter vector.
 
-They are a few lines each and are held against torch.optim by the tests; torch's own cost more than the compiled engine's
-loss Jacobian (about 30 us an update at 129 parameters, five updates a step).
+They are a few lines each and are held against torch.optim by the tests; torch's own cost more than the compiled
+engine's loss Jacobian (about 30 us an update at 129 parameters, five updates a step).
 """
 
 from typing import Protocol

@@ -22,9 +22,7 @@ INTERVALS = 1000
 """Intervals of the solution's grid in one training horizon."""
 
 
-def write_solution(
-    folder: Path, system: System, engine: Engine, theta: Floats, data: Data, horizon: float
-) -> None:
+def write_solution(folder: Path, system: System, engine: Engine, theta: Floats, data: Data, horizon: float) -> None:
     """solution.csv: truth and model on a dense grid over twice the horizon."""
     times = np.linspace(0.0, 2.0 * horizon, 2 * INTERVALS + 1)
     truth = reference_solution(system, data.states[0], times)

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,13 +38,21 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Let `write` fill a file beside `path`, then put it in the place of `path` in one move."""
     draft = path.with_name(path.name + ".draft")
     write(draft)
-    os.replace(draft, path)
+    draft.replace(path)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text`, atomically."""
+
+    def write(draft: Path) -> None:
+        draft.write_text(text)
+
+    write_atomically(path, write)
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write `content` as JSON, atomically; NaN and infinity become null."""
-    text = json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
-    write_atomically(path, lambda draft: draft.write_text(text) and None)
+    write_text(path, json.dumps(_plain(content), indent=2, allow_nan=False) + "\n")
 
 
 def _plain(value: Any) -> Any:
@@ -94,9 +101,8 @@ class Recorder:
             rows = self._metrics.read_text().splitlines(keepends=True)[1:]
             complete = [row.rstrip("\n") for row in rows if row.endswith("\n")]
             lines += [row for row in complete if int(row.split(",", 1)[0]) < resume_from]
-        text = "\n".join(lines) + "\n"
-        write_atomically(self._metrics, lambda draft: draft.write_text(text) and None)
-        self._file = self._metrics.open("a", newline="")
+        write_text(self._metrics, "\n".join(lines) + "\n")
+        self._file = self._metrics.open("a", newline="")  # held open for the whole training
 
     def close(self) -> None:
         """Close metrics.csv."""

@@ -4,7 +4,7 @@ import shlex
 import subprocess
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -108,28 +108,35 @@ def combination(config: CombineConfig) -> Callable[[Floats], Floats]:
     return COMBINATIONS[config.name]
 
 
-def train(config: TrainConfig, folder: Path) -> int:
-    """Run one training in `folder`; returns the exit status (0 done, 1 failed, 130 interrupted)."""
-    return _attended(config, folder, previous=None)
+def train(config: TrainConfig, folder: Path, overrides: Sequence[str]) -> int:
+    """Run one training in `folder`; returns the exit status (0 done, 1 failed, 130 interrupted).
+
+    Args:
+        config: the checked configuration.
+        folder: exists, and holds no other run.
+        overrides: what the user changed; with them run.json names the command that repeats this run.
+    """
+    record = _identity(config)
+    record["command"] = shlex.join(["eigenode", "train", *overrides])
+    return _attended(config, folder, record, resumed=False)
 
 
 def resume(config: TrainConfig, folder: Path, previous: dict[str, Any]) -> int:
     """Go on with the run in `folder` from what it saved last; `previous` is its run.json."""
-    return _attended(config, folder, previous)
+    kept = {key: previous[key] for key in ("command", "started", "wall_seconds")}
+    return _attended(config, folder, _identity(config) | kept, resumed=True)
 
 
-def _attended(config: TrainConfig, folder: Path, previous: dict[str, Any] | None) -> int:
-    """Run a training so that run.json tells how it ended, whatever happens."""
-    clock = perf_counter()
-    record = _identity(config, previous)
-    earlier = record["wall_seconds"]
+def _attended(config: TrainConfig, folder: Path, record: dict[str, Any], resumed: bool) -> int:
+    """Run a training so that run.json, filled from `record` on, tells how it ended, whatever happens."""
+    clock, earlier = perf_counter(), record["wall_seconds"]
     write_json(folder / "run.json", record)
     exit_status = 0
     try:
         setup = build(config)
         record |= _description(setup)
         write_json(folder / "run.json", record)
-        _train(setup, folder, record, resumed=previous is not None)
+        _train(setup, folder, record, resumed)
         record["status"] = "finished"
     except KeyboardInterrupt:
         record |= {"status": "interrupted", "error": "interrupted by the user"}
@@ -201,23 +208,22 @@ def _network_state(field: VectorField, theta: Floats) -> dict[str, torch.Tensor]
     return field.network.state_dict()
 
 
-def _identity(config: TrainConfig, previous: dict[str, Any] | None) -> dict[str, Any]:
+def _identity(config: TrainConfig) -> dict[str, Any]:
     """What is known of a run before anything is built."""
-    previous = previous or {}
     return {
         "status": "running",
         "error": None,
         "seed": config.seed,
         "grads": "+".join(canonical(split_grads(config.grads))),
         "config": OmegaConf.to_container(OmegaConf.structured(config), resolve=True),
-        "command": previous.get("command") or shlex.join(["eigenode", *sys.argv[1:]]),
+        "command": "",
         "versions": {"eigenode": __version__, "python": sys.version.split()[0], **_versions()},
         "git_commit": _git_commit(),
-        "started": previous.get("started") or datetime.now(UTC).isoformat(timespec="seconds"),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "steps": 0,
         "train_seconds": 0.0,
         "compile_seconds": 0.0,
-        "wall_seconds": previous.get("wall_seconds") or 0.0,
+        "wall_seconds": 0.0,
         "final": {},
     }
 

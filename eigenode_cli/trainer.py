@@ -121,9 +121,7 @@ class Trainer:
         return "SOL is skipped, the spectral terms go on until it succeeds"
 
     def _record(self) -> dict[str, Any]:
-        row = self.recorder.record(
-            self.progress, self.optimizer.lr, self.engine.evaluate(self.theta, self.dense_times)
-        )
+        row = self.recorder.record(self.progress, self.optimizer.lr, self.engine.evaluate(self.theta, self.dense_times))
         done = self.progress.step
         rate = self.progress.train_seconds / done if done else None
         self.display.record(done, {name: row[name] for name in self.terms}, rate)

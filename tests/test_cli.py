@@ -34,7 +34,8 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
     recorded = Runs()
     module = ModuleType("eigenode_cli.run")
 
-    def train(config: TrainConfig, folder: Path) -> int:
+    def train(config: TrainConfig, folder: Path, overrides: list[str]) -> int:
+        assert all(isinstance(word, str) for word in overrides)
         (folder / "run.json").write_text("{}")
         recorded.append((config, folder))
         return recorded.status
@@ -288,7 +289,7 @@ def test_sigterm_interrupts(tmp_path: Path) -> None:
     script = (
         "import os, signal, sys, types, eigenode_cli\n"
         "run = types.ModuleType('eigenode_cli.run')\n"
-        "run.train = lambda config, folder: os.kill(os.getpid(), signal.SIGTERM) or 0\n"
+        "run.train = lambda config, folder, overrides: os.kill(os.getpid(), signal.SIGTERM) or 0\n"
         "sys.modules['eigenode_cli.run'] = eigenode_cli.run = run\n"
         "from eigenode_cli.cli import main\n"
         "sys.exit(main(['train']))\n"

@@ -17,7 +17,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("config", "peer"), CASES, ids=["adam", "sgd"])
-def test_same_path_as_torch(config, peer) -> None:  # noqa: ANN001
+def test_same_path_as_torch(config, peer) -> None:
     generator = np.random.default_rng(5)
     theta = generator.normal(size=7)
     parameter = torch.nn.Parameter(torch.from_numpy(theta.copy()))
@@ -31,7 +31,7 @@ def test_same_path_as_torch(config, peer) -> None:  # noqa: ANN001
 
 
 @pytest.mark.parametrize("config", [case[0] for case in CASES], ids=["adam", "sgd"])
-def test_state_is_all_that_the_next_update_depends_on(config) -> None:  # noqa: ANN001
+def test_state_is_all_that_the_next_update_depends_on(config) -> None:
     first, theta = build_optimizer(config, 3), np.ones(3)
     for k in range(4):
         first.update(theta, np.array([1.0, -2.0, 0.5]) * k)

@@ -36,7 +36,8 @@ _statuses: list[int] = []
 def _job(config: DictConfig) -> None:
     from eigenode_cli import run  # noqa: PLC0415  # torch, only once the command line is known to be right
 
-    status = run.train(typed(finalise(config)), Path(HydraConfig.get().runtime.output_dir))
+    job = HydraConfig.get()
+    status = run.train(typed(finalise(config)), Path(job.runtime.output_dir), job.overrides.task)
     _statuses.append(status)
     if status == INTERRUPTED:
         raise KeyboardInterrupt

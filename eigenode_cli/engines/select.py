@@ -1,7 +1,7 @@
 """Which engine a run gets, and the user's own terms."""
 
 import importlib
-from typing import Any
+from typing import cast
 
 from eigenode_cli.engines.torch_engine import TorchEngine, UserTerm
 from eigenode_cli.field import VectorField
@@ -18,7 +18,7 @@ def load_user_terms(paths: dict[str, str]) -> dict[str, UserTerm]:
     for name, path in paths.items():
         module, _, function = path.partition(":")
         try:
-            candidate: Any = getattr(importlib.import_module(module), function)
+            candidate = cast(UserTerm, getattr(importlib.import_module(module), function))
         except (ImportError, AttributeError, ValueError) as error:
             raise ValueError(f"terms.{name}={path}: {error}") from error
         if not callable(candidate):

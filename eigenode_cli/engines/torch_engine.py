@@ -117,9 +117,7 @@ class TorchEngine:
         solved = trajectory.status is Status.OK
         if solved or problem.stabilise:
             spectral = [term for term in terms if term in NAMES[1:]]
-            vector = spectral_values(
-                spectra, spectral, targets, problem.margin, problem.errors, problem.huber_delta
-            )
+            vector = spectral_values(spectra, spectral, targets, problem.margin, problem.errors, problem.huber_delta)
             values.update(zip(spectral, vector, strict=True))
         if solved:
             if "sol" in values:

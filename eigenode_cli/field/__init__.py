@@ -1,5 +1,7 @@
 """The learned vector field: networks, initial weights, scalings and structures."""
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from eigenode_cli.field.vector_field import VectorField
 
 Floats = NDArray[np.float64]
 
-NETWORKS: dict[str, type[Mlp | Polynomial]] = {"mlp": Mlp, "polynomial": Polynomial}
+NETWORKS: dict[str, type[Any]] = {"mlp": Mlp, "polynomial": Polynomial}
 """Networks by the name that `network.name` holds; each is built from its own configuration class."""
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import torch
 from torch import Tensor
-from torch.nn import functional as F
+from torch.nn import functional
 
 
 def _sigmoid_slope(z: Tensor) -> Tensor:
@@ -25,9 +25,9 @@ ACTIVATIONS: dict[str, tuple[Callable[[Tensor], Tensor], Callable[[Tensor], Tens
     "tanh": (torch.tanh, lambda z: 1.0 - torch.tanh(z) ** 2),
     "sigmoid": (torch.sigmoid, _sigmoid_slope),
     "relu": (torch.relu, lambda z: (z > 0.0).to(z)),
-    "softplus": (F.softplus, torch.sigmoid),
-    "silu": (F.silu, _silu_slope),
-    "elu": (F.elu, _elu_slope),
+    "softplus": (functional.softplus, torch.sigmoid),
+    "silu": (functional.silu, _silu_slope),
+    "elu": (functional.elu, _elu_slope),
     "sin": (torch.sin, torch.cos),
     "identity": (lambda z: z, torch.ones_like),
 }

@@ -1,6 +1,7 @@
 """Multilayer perceptron of any depth, with scaled input and output."""
 
-from typing import Self
+from itertools import pairwise
+from typing import Self, cast
 
 import numpy as np
 import torch
@@ -22,6 +23,9 @@ class Mlp(nn.Module):
         generator: source of the initial weights.
     """
 
+    input_scale: Tensor | None
+    output_scale: Tensor | None
+
     def __init__(
         self,
         config: MlpConfig,
@@ -33,15 +37,17 @@ class Mlp(nn.Module):
     ) -> None:
         super().__init__()
         sizes = [inputs, *config.hidden, outputs]
-        self.layers = nn.ModuleList(
-            nn.Linear(a, b, dtype=torch.float64) for a, b in zip(sizes[:-1], sizes[1:], strict=True)
-        )
+        self.layers = nn.ModuleList(nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(sizes))
         self.activation = config.activation
         self._act, self._slope = ACTIVATIONS[config.activation]
         self.register_buffer("input_scale", input_scale)
         self.register_buffer("output_scale", output_scale)
-        for layer in self.layers:
+        for layer in self._linear:
             INITS[config.init](layer, config.activation, generator)
+
+    @property
+    def _linear(self) -> list[nn.Linear]:
+        return cast(list[nn.Linear], list(self.layers))
 
     @classmethod
     def build(
@@ -64,14 +70,14 @@ class Mlp(nn.Module):
     @property
     def sizes(self) -> tuple[int, ...]:
         """Dimensions of input, hidden layers and output."""
-        return (self.layers[0].in_features, *(layer.out_features for layer in self.layers))
+        return (self._linear[0].in_features, *(layer.out_features for layer in self._linear))
 
     def forward(self, x: Tensor) -> Tensor:
         """Outputs `(..., m)` at inputs `x (..., n)`."""
         u = x if self.input_scale is None else x * self.input_scale
-        for layer in self.layers[:-1]:
+        for layer in self._linear[:-1]:
             u = self._act(layer(u))
-        y = self.layers[-1](u)
+        y = self._linear[-1](u)
         return y if self.output_scale is None else y * self.output_scale
 
     def jacobian(self, x: Tensor) -> Tensor:
@@ -80,11 +86,11 @@ class Mlp(nn.Module):
         chain = torch.eye(x.shape[-1], dtype=x.dtype).expand(*x.shape, x.shape[-1])
         if self.input_scale is not None:
             chain = chain * self.input_scale
-        for layer in self.layers[:-1]:
+        for layer in self._linear[:-1]:
             z = layer(u)
             u = self._act(z)
             chain = self._slope(z).unsqueeze(-1) * (layer.weight @ chain)
-        chain = self.layers[-1].weight @ chain
+        chain = self._linear[-1].weight @ chain
         return chain if self.output_scale is None else self.output_scale.unsqueeze(-1) * chain
 
 

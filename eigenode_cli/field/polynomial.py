@@ -49,5 +49,12 @@ class Polynomial(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Outputs `(..., m)` at inputs `x (..., n)`."""
-        powers = x.unsqueeze(-2) ** self.exponents
-        return powers.prod(dim=-1) @ self.coefficients.T
+        # repeated products, not x**k: the second derivative of the latter is NaN at 0
+        powers = [torch.ones_like(x)]
+        for _ in range(int(self.exponents.max())):
+            powers.append(powers[-1] * x)
+        by_state = torch.stack(powers, dim=-1)
+        monomials = torch.ones_like(x[..., :1])
+        for i in range(x.shape[-1]):
+            monomials = monomials * by_state[..., i, :][..., self.exponents[:, i]]
+        return monomials @ self.coefficients.T

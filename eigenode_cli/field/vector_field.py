@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor, nn
 
+
 class VectorField(nn.Module):
     """`dx/dt = f(x; theta)` for states `(..., n)`.
 

@@ -146,13 +146,12 @@ DOPRI5 = Tableau(
     name="dopri5",
     order=5,
     a=_DOPRI5_A,
-    error=_DOPRI5_A[-1]
-    - np.array([1951 / 21600, 0.0, 22642 / 50085, 451 / 720, -12231 / 42400, 649 / 6300, 1 / 60]),
+    error=_DOPRI5_A[-1] - np.array([1951 / 21600, 0.0, 22642 / 50085, 451 / 720, -12231 / 42400, 649 / 6300, 1 / 60]),
     dense=_quartic(_DOPRI5_A[-1], _DOPRI5_MIDPOINT),
 )
 
-# W. Kutta, Z. Math. Phys. 46 (1901) 435-453, the 3/8 rule (which torchdiffeq's `rk4` is too), with the derivative at the
-# end as a fifth stage for the dense output.
+# W. Kutta, Z. Math. Phys. 46 (1901) 435-453, the 3/8 rule (which torchdiffeq's `rk4` is too), with the derivative at
+# the end as a fifth stage for the dense output.
 _RK4_A = _lower([[], [1 / 3], [-1 / 3, 1.0], [1.0, -1.0, 1.0], [1 / 8, 3 / 8, 3 / 8, 1 / 8]])
 
 RK4 = Tableau(name="rk4", order=4, a=_RK4_A, error=np.zeros(5), dense=_hermite(_RK4_A[-1]))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -90,14 +91,14 @@ def _solve_adaptive(
 
 def _solve_fixed(field: Field, initial_state: Tensor, times: Tensor, config: FixedSolverConfig) -> Trajectory:
     solver = FIXED[config.name](
-        func=lambda _t, y, perturb=None: field(y), y0=initial_state, step_size=config.step, rtol=0.0, atol=0.0
+        func=lambda _t, y, **_: field(y), y0=initial_state, step_size=config.step, rtol=0.0, atol=0.0
     )
     start, end = float(times[0]), float(times[-1])
     count = math.ceil((end - start) / config.step - 1e-9)  # no sliver of a step behind a rounded multiple
     grid = [start + i * config.step for i in range(count)] + [end]
     y, states, taken = initial_state, [initial_state], 0
     status = Status.OK
-    for here, there in zip(grid[:-1], grid[1:], strict=True):
+    for here, there in pairwise(grid):
         t0, t1 = torch.tensor(here, dtype=torch.float64), torch.tensor(there, dtype=torch.float64)
         increment, f0 = solver._step_func(solver.func, t0, t1 - t0, t1, y)
         y1 = y + increment
@@ -109,5 +110,5 @@ def _solve_fixed(field: Field, initial_state: Tensor, times: Tensor, config: Fix
         while len(states) < times.numel() and times[len(states)] <= t1:
             states.append(solver._cubic_hermite_interp(t0, y, f0, t1, y1, f1, times[len(states)]))
         y = y1
-    sizes = [b - a for a, b in zip(grid[:-1], grid[1:], strict=True)][:taken]
+    sizes = [b - a for a, b in pairwise(grid)][:taken]
     return Trajectory(torch.stack(states), status, taken, 0, sizes)

@@ -57,7 +57,7 @@ def spectral_terms(
         finite = True
         for i in range(n):
             # a difference with itself is zero but for NaN and infinity
-            if not abs(spectrum[i] - spectrum[i]) == 0.0:
+            if abs(spectrum[i] - spectrum[i]) != 0.0:
                 finite = False
         if not finite:
             continue

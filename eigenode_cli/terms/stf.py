@@ -8,7 +8,7 @@ from eigenode_cli.terms.errors import error_slope, error_value
 
 @njit
 def stiffness_ratio(spectrum):
-    """`max|Re lambda| / min|Re lambda|` of one spectrum `(n,)`: 1 for a single pair, infinite where a real part is 0."""
+    """`max|Re| / min|Re|` of one spectrum `(n,)`: 1 for a single pair, infinite where a real part is 0."""
     largest, smallest = 0.0, math.inf
     for i in range(spectrum.size):
         size = abs(spectrum[i].real)

@@ -27,18 +27,19 @@ class _Linearised(torch.autograd.Function):
 
     @staticmethod
     def setup_context(ctx: FunctionCtx, inputs: tuple[Any, ...], output: Tensor) -> None:
+        del output
         ctx.save_for_backward(inputs[2])
         ctx.save_for_forward(inputs[2])
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
-        (slopes,) = ctx.saved_tensors
+    def backward(ctx: Any, *grad_outputs: Tensor) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        (slopes,), (grad,) = ctx.saved_tensors, grad_outputs
         return torch.tensordot(grad.to(slopes.dtype), slopes, dims=1), None, None
 
     @staticmethod
-    def jvp(ctx: Any, dx: Tensor, *_: None) -> Tensor:
-        (slopes,) = ctx.saved_tensors
+    def jvp(ctx: Any, *grad_inputs: Tensor | None) -> Tensor:
+        (slopes,), dx = ctx.saved_tensors, grad_inputs[0]
         return (slopes.conj() * dx).flatten(1).sum(1).real.clone()
 
 

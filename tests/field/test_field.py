@@ -9,6 +9,7 @@ from eigenode_cli.field import build_field, flat_parameters, load_flat
 from eigenode_cli.field.activations import ACTIVATIONS
 from eigenode_cli.field.init import INITS
 from eigenode_cli.field.mlp import Mlp
+from eigenode_cli.field.polynomial import Polynomial
 
 STATES = np.array([[1.0, 0.0], [-4.0, 2.0]])
 RATES = np.array([[0.0, -3.0], [2.0, 5.0]])
@@ -92,10 +93,19 @@ def test_polynomial_has_every_monomial_once() -> None:
     theta = np.zeros(20)
     theta[:10] = np.arange(10.0)
     load_flat(field, theta)
-    value = field(torch.tensor([x, y], dtype=torch.float64))
+    value = field(torch.tensor([x, y], dtype=torch.float64)).detach()
     monomials = [1, x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3]
     assert float(value[0]) == pytest.approx(sum(k * m for k, m in enumerate(monomials)))
     assert float(value[1]) == 0.0
+
+
+def test_polynomial_is_smooth_at_the_origin() -> None:
+    field = build_field(PolynomialConfig(name="polynomial", structure="full", degree=3, spread=1.0), STATES, RATES, 0)
+    origin = torch.zeros(2, dtype=torch.float64)
+    hessian = torch.autograd.functional.hessian(lambda x: field(x)[0], origin)
+    assert isinstance(field.network, Polynomial)
+    c = field.network.coefficients[0].detach()
+    torch.testing.assert_close(hessian, torch.stack([torch.stack([2 * c[3], c[4]]), torch.stack([c[4], 2 * c[5]])]))
 
 
 def test_flat_parameters_round_trip() -> None:

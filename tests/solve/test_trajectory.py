@@ -16,7 +16,9 @@ from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
 from eigenode_cli.solve.trajectory import Trajectory, solve
 
 
-def adaptive(name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000) -> AdaptiveSolverConfig:
+def adaptive(
+    name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000
+) -> AdaptiveSolverConfig:
     return AdaptiveSolverConfig(name=name, rtol=rtol, atol=atol, max_steps=max_steps)
 
 

@@ -52,8 +52,6 @@ def test_van_der_pol_has_a_pair_at_18_percent_of_the_data_times() -> None:
 def test_stated_targets_are_those_of_the_same_spectrum() -> None:
     pairs = np.array([[-0.3 + 9.0j, -0.3 - 9.0j, -0.8 + 4.0j, -0.8 - 4.0j]])
     known = targets_of_spectra(pairs)
-    stated = stated_targets(
-        [9.0 / (2 * np.pi), 4.0 / (2 * np.pi)], [0.3 / abs(-0.3 + 9.0j), 0.8 / abs(-0.8 + 4.0j)], 1
-    )
+    stated = stated_targets([9.0 / (2 * np.pi), 4.0 / (2 * np.pi)], [0.3 / abs(-0.3 + 9.0j), 0.8 / abs(-0.8 + 4.0j)], 1)
     for name in ("frequency", "damping", "pairs", "stiffness"):
         np.testing.assert_allclose(getattr(stated, name), getattr(known, name), rtol=1e-12)

@@ -1,4 +1,4 @@
-"""The term kernels against a plain transcription of the paper's equations under autograd, and their exact properties."""
+"""The term kernels against a plain transcription of the paper's equations under autograd; their exact properties."""
 
 import math
 from collections.abc import Callable
@@ -8,6 +8,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from eigenode_cli.data import Data, Targets
@@ -43,7 +44,10 @@ REAL = spectrum(1.5, -0.5)
 TWO_PAIRS = spectrum(-0.1 + 9.0j, 0.3 + 4.0j, 0.3 - 4.0j, -0.1 - 9.0j)
 PAIR_AND_REAL = spectrum(2.0, -0.3 + 5.0j, -0.3 - 5.0j, -1.0)
 FOUR_REAL = spectrum(0.5, -3.0, 1.25, -1.0)
-TARGETS = {2: [spectrum(-0.5 + 2.0j, -0.5 - 2.0j), spectrum(-1.0, -4.0)], 4: [spectrum(-1 + 3j, -1 - 3j, -2 + 8j, -2 - 8j)]}
+TARGETS = {
+    2: [spectrum(-0.5 + 2.0j, -0.5 - 2.0j), spectrum(-1.0, -4.0)],
+    4: [spectrum(-1 + 3j, -1 - 3j, -2 + 8j, -2 - 8j)],
+}
 MODELS = [PAIR, UNSTABLE_PAIR, REAL, TWO_PAIRS, PAIR_AND_REAL, FOUR_REAL]
 
 
@@ -60,14 +64,15 @@ def transcription(term: str, lam: Tensor, goal: Tensor, kind: str) -> Tensor:
         real, wanted = lam.real.abs(), goal.real.abs()
         return eps(real.max() / real.min() - wanted.max() / wanted.min())
     if term == "osc":
-        reals = torch.sort(torch.stack([z.real for z in lam if z.imag == 0])).values if len(model_pairs) * 2 < size else zero[None]
+        alone = [z.real for z in lam if z.imag == 0]
+        reals = torch.sort(torch.stack(alone)).values if alone else zero[None]
         gaps = [eps(reals[i] - reals[i + 1]) for i in range(reals.numel() - 1)]
         missing = len(goal_pairs) - len(model_pairs)
         if missing <= 0:
             return zero
         return (gaps[0] + gaps[2] if missing == 2 else min(gaps, key=lambda gap: gap.item())) / size
     if term == "frq":
-        pairs = [(2.0 * eps(a.imag.abs() / (2 * math.pi) - b.imag / (2 * math.pi))) for a, b in matched(model_pairs, goal_pairs)]
+        pairs = [2.0 * eps((a.imag.abs() - b.imag) / (2 * math.pi)) for a, b in matched(model_pairs, goal_pairs)]
     else:
         pairs = [2.0 * eps(-a.real / a.abs() + b.real / b.abs()) for a, b in matched(model_pairs, goal_pairs)]
     return sum(pairs, zero) / size
@@ -207,8 +212,6 @@ def test_solution_term_is_the_mean_over_what_is_observed() -> None:
 )
 def test_matching_is_the_optimal_assignment(model: list[float], goal: list[float]) -> None:
     """Dynamic programming over the sorted lists finds what SciPy's assignment finds."""
-    from scipy.optimize import linear_sum_assignment
-
     n = 2 * len(model)
     lam = np.array([[sign * 2j * math.pi * f - 0.1 for f in model for sign in (1, -1)]])
     targets = targets_of_spectra(np.array([[sign * 2j * math.pi * f - 0.1 for f in goal for sign in (1, -1)]]))
