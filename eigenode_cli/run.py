@@ -84,7 +84,7 @@ def build(config: TrainConfig) -> Setup:
     )
     field = build_field(config.network, data.states, system.dynamics(data.states), config.seed)
     user_terms = load_user_terms(config.terms)
-    engine = build_engine(config.engine.name, field, problem, user_terms)
+    engine = build_engine(config, field, problem, user_terms, print)
     return Setup(config, system, data, problem, field, engine, (*NAMES, *sorted(user_terms)))
 
 

@@ -104,7 +104,7 @@ def _sigmoid_all(z):
 @njit_fused
 def _relu_all(z):
     slope = 1.0 if z > 0.0 else 0.0
-    return (0.0 if z < 0.0 else z), slope, 0.0  # noqa: FURB136  max would drop NaN
+    return (0.0 if z < 0.0 else z), slope, 0.0
 
 
 @njit_fused

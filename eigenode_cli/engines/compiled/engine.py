@@ -70,6 +70,8 @@ class CompiledEngine:
         ValueError: problem, shape and options do not fit together.
     """
 
+    name = "compiled"
+
     def __init__(
         self,
         shape: MlpShape,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from numba import carray
 
 from eigenode_cli.engines.compiled.algebra import add_scaled, clear
-from eigenode_cli.engines.compiled.integrate import OK, Method, Steps, integrate
+from eigenode_cli.engines.compiled.integrate import OK, Method, integrate
 from eigenode_cli.engines.compiled.jacobian import jacobian, pull_back_jacobian, push_tangents
 from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import Net, evaluate_field, mirror_weights, unpack_gradient
