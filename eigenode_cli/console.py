@@ -112,6 +112,23 @@ class LineDisplay:
         print(message, flush=True)
 
 
+class QuietDisplay:
+    """Shows nothing: one run among many, whose folder tells everything."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def record(self, step: int, losses: dict[str, float], rate: float | None) -> None:
+        """See `Display.record`."""
+
+    def say(self, message: str) -> None:
+        """See `Display.say`."""
+
+
 def display(label: str, start: int, steps: int) -> Display:
     """The display that fits standard output."""
     return BarDisplay(label, start, steps) if sys.stdout.isatty() else LineDisplay(label, start, steps)

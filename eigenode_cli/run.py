@@ -20,18 +20,16 @@ from omegaconf import OmegaConf
 from eigenode_cli import __version__
 from eigenode_cli.combine import COMBINATIONS, sequential_repeating_last
 from eigenode_cli.config.schema import CombineConfig, SequentialConfig, StatedTargetConfig, TrainConfig
-from eigenode_cli.console import display
+from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.select import build_engine, load_user_terms
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
-from eigenode_cli.figures import draw_run
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
 from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets
-from eigenode_cli.report import write_report
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
@@ -57,8 +55,12 @@ class Setup:
     """All terms that are recorded: the six and the user's own."""
 
 
-def build(config: TrainConfig) -> Setup:
+def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup:
     """Build everything that a run needs, in the order of the data flow.
+
+    Args:
+        config: the checked configuration.
+        announce: called with a line that the user should see.
 
     Raises:
         ValueError: something that only shows when it is built: a system without a solution, a term without a function.
@@ -84,7 +86,7 @@ def build(config: TrainConfig) -> Setup:
     )
     field = build_field(config.network, data.states, system.dynamics(data.states), config.seed)
     user_terms = load_user_terms(config.terms)
-    engine = build_engine(config, field, problem, user_terms, print)
+    engine = build_engine(config, field, problem, user_terms, announce)
     return Setup(config, system, data, problem, field, engine, (*NAMES, *sorted(user_terms)))
 
 
@@ -108,35 +110,36 @@ def combination(config: CombineConfig) -> Callable[[Floats], Floats]:
     return COMBINATIONS[config.name]
 
 
-def train(config: TrainConfig, folder: Path, overrides: Sequence[str]) -> int:
+def train(config: TrainConfig, folder: Path, overrides: Sequence[str], quiet: bool = False) -> int:
     """Run one training in `folder`; returns the exit status (0 done, 1 failed, 130 interrupted).
 
     Args:
         config: the checked configuration.
         folder: exists, and holds no other run.
         overrides: what the user changed; with them run.json names the command that repeats this run.
+        quiet: print nothing, for one run among many; everything that happened stands in the folder.
     """
     record = _identity(config)
     record["command"] = shlex.join(["eigenode", "train", *overrides])
-    return _attended(config, folder, record, resumed=False)
+    return _attended(config, folder, record, resumed=False, quiet=quiet)
 
 
-def resume(config: TrainConfig, folder: Path, previous: dict[str, Any]) -> int:
+def resume(config: TrainConfig, folder: Path, previous: dict[str, Any], quiet: bool = False) -> int:
     """Go on with the run in `folder` from what it saved last; `previous` is its run.json."""
     kept = {key: previous[key] for key in ("command", "started", "wall_seconds")}
-    return _attended(config, folder, _identity(config) | kept, resumed=True)
+    return _attended(config, folder, _identity(config) | kept, resumed=True, quiet=quiet)
 
 
-def _attended(config: TrainConfig, folder: Path, record: dict[str, Any], resumed: bool) -> int:
+def _attended(config: TrainConfig, folder: Path, record: dict[str, Any], resumed: bool, quiet: bool) -> int:
     """Run a training so that run.json, filled from `record` on, tells how it ended, whatever happens."""
     clock, earlier = perf_counter(), record["wall_seconds"]
     write_json(folder / "run.json", record)
     exit_status = 0
     try:
-        setup = build(config)
+        setup = build(config, _unheard if quiet else print)
         record |= _description(setup)
         write_json(folder / "run.json", record)
-        _train(setup, folder, record, resumed)
+        _train(setup, folder, record, resumed, quiet)
         record["status"] = "finished"
     except KeyboardInterrupt:
         record |= {"status": "interrupted", "error": "interrupted by the user"}
@@ -149,11 +152,17 @@ def _attended(config: TrainConfig, folder: Path, record: dict[str, Any], resumed
         record |= {"status": "failed", "error": f"{type(error).__name__}: {error} (traceback in error.txt)"}
         exit_status = 1
     record["wall_seconds"] = earlier + perf_counter() - clock
-    _close(folder, record)
+    _close(folder, record, draw=config.trainer.figures)
+    if not quiet:
+        _tell(folder, record, config.trainer.figures)
     return exit_status
 
 
-def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool) -> None:
+def _unheard(_message: str) -> None:
+    """Say nothing."""
+
+
+def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, quiet: bool) -> None:
     """Train from the start, or from what was saved last, and write the outcome; fills `record` as it gets there."""
     config, horizon = setup.config, setup.config.system.horizon
     saved = load_last(folder) if resumed else None
@@ -171,7 +180,8 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool) ->
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
     recorder.open(progress.step if saved is not None else None)
     try:
-        with display(label, progress.step, config.trainer.steps) as shown:
+        shown: Display = QuietDisplay() if quiet else display(label, progress.step, config.trainer.steps)
+        with shown:
             trainer = Trainer(
                 engine=setup.engine,
                 optimizer=optimizer,
@@ -199,8 +209,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool) ->
     load_flat(setup.field, theta)
     write_solution(folder, setup.system, setup.engine, theta, setup.data, config.system.horizon)
     write_eigenvalues(folder, setup.system, setup.field, setup.engine, theta, setup.problem, config.target)
-    record["final"] = last
-    print(summary(last, progress))
+    record |= {"final": last, "summary": summary(last, progress)}
 
 
 def _network_state(field: VectorField, theta: Floats) -> dict[str, torch.Tensor]:
@@ -255,16 +264,27 @@ def _git_commit() -> str | None:
     return git.stdout.strip() or None
 
 
-def _close(folder: Path, record: dict[str, Any]) -> None:
-    """Draw and report what there is, and write run.json last; then tell where everything is."""
-    if record["final"]:
-        draw_run(folder)
+def _close(folder: Path, record: dict[str, Any], draw: bool) -> None:
+    """Draw what there is, write run.json last of all records, then the page that shows it."""
+    if not (draw and record["final"]):
+        write_json(folder / "run.json", record)
+        return
+    from eigenode_cli.figures import draw_run  # noqa: PLC0415  # matplotlib and pandas, only once they are needed
+    from eigenode_cli.report import write_report  # noqa: PLC0415
+
+    draw_run(folder)
     write_json(folder / "run.json", record)
-    if record["final"]:
-        write_report(folder)
-    if record["status"] == "finished":
-        print(f"run     {folder}\nfigures {folder / 'plots'}\nreport  {folder / 'report.html'}")
-    else:
+    write_report(folder)
+
+
+def _tell(folder: Path, record: dict[str, Any], drawn: bool) -> None:
+    """Say how the run ended and where everything is."""
+    if record["status"] != "finished":
         print(f"eigenode: {record['status']}: {record['error']}", file=sys.stderr)
         if record["status"] == "interrupted":
             print(f"go on with: eigenode resume {folder}", file=sys.stderr)
+        return
+    print(record["summary"])
+    print(f"run     {folder}")
+    if drawn:
+        print(f"figures {folder / 'plots'}\nreport  {folder / 'report.html'}")

@@ -82,7 +82,7 @@ def compiled(case: Case) -> Runner:
 
 
 def reference(case: Case) -> Runner:
-    """Our reference engine: torchdiffeq's loop with our solver, autograd."""
+    """Our reference engine: torch, autograd, torchdiffeq with our Tsit5."""
     engine = TorchEngine(torch_field(case), case.problem, {})
     return Runner(lambda: engine.loss_jacobian(case.theta), _as_result, "Tsit5, autograd")
 
@@ -123,22 +123,20 @@ PEERS: dict[str, Contestant] = {
 """Everybody else by name."""
 
 
-def bare_solve(case: Case) -> Callable[[], int]:
+class BareSolve:
     """Our own solver alone with the C library's scalar tanh, nothing recorded: the floor of any training step."""
-    shape = MlpShape(
-        case.shape.sizes, "tanh_libm", case.shape.structure, case.shape.input_scale, case.shape.output_scale
-    )
-    owner, solver = Owner(), case.solver
-    method = build_method(owner, TABLEAUS[solver.name], solver.rtol, solver.atol, solver.max_steps)
-    core, shared = build_core(owner, shape, case.problem, method, 1, 0, False)
-    shared.theta[:] = case.theta
-    room = Room(core.net, method, solver.max_steps, case.times.size, recorded=False)
-    states, free = np.empty((case.times.size, shape.sizes[0])), np.empty(0)
 
-    def call() -> int:
-        del_owner = owner  # keeps the arrays alive whose addresses the kernel holds
-        assert del_owner is owner, "the buffers belong to this solve"
-        return kernel.solve(core, room.steps, free, case.times, states)
+    def __init__(self, case: Case) -> None:
+        given, solver = case.shape, case.solver
+        shape = MlpShape(given.sizes, "tanh_libm", given.structure, given.input_scale, given.output_scale)
+        self._owner = Owner()  # of the arrays whose addresses the kernel holds
+        method = build_method(self._owner, TABLEAUS[solver.name], solver.rtol, solver.atol, solver.max_steps)
+        self._core, shared = build_core(self._owner, shape, case.problem, method, 1, 0, False)
+        shared.theta[:] = case.theta
+        self._room = Room(self._core.net, method, solver.max_steps, case.times.size, recorded=False)
+        self._times, self._free = case.times, np.empty(0)
+        self.states = np.empty((case.times.size, shape.sizes[0]))
 
-    torch.set_num_threads(1)
-    return call
+    def __call__(self) -> int:
+        """Solve into `states (N, n)`; returns the status."""
+        return kernel.solve(self._core, self._room.steps, self._free, self._times, self.states)

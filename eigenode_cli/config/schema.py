@@ -193,6 +193,8 @@ class TrainerConfig:
     """Steps between rows of metrics.csv."""
     checkpoint_every: int = option(at_least=1)
     """Steps between checkpoints."""
+    figures: bool = MISSING
+    """Whether figures and the report are made at the end; `eigenode plot` and `report` make them later."""
     on_unsolvable: str = option(choices=names.ON_UNSOLVABLE)
     """What to do when a solve fails: stabilise | skip | stop."""
 

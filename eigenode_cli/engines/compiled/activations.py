@@ -1,8 +1,8 @@
 """Activations with first and second derivative, written without branches so that loops over a layer vectorise.
 
 LLVM vectorises no call into the C library, and pip's llvmlite has no vector library, so a layer of 32 scalar tanh
-costs about eight times the matrix products around it. Here exponentials are a polynomial after range reduction (the scheme of
-J.-M. Muller, Elementary Functions, 3rd ed., Sec. 11.1), which LLVM turns into vector code.
+costs several times the matrix products around it. Here exponentials are a polynomial after range reduction (the
+scheme of J.-M. Muller, Elementary Functions, 3rd ed., Sec. 11.1), which LLVM turns into vector code.
 """
 
 import math
@@ -134,7 +134,7 @@ def _sin_all(z):
 
 
 @njit_fused
-def activate(code, size, z, slope):
+def activate(code, size, z, slope):  # noqa: PLR0912  a loop for each activation, not one with a choice inside
     """Overwrite pre-activations `z (size,)` by activations and fill `slope (size,)` with the first derivative."""
     if code == TANH:
         for j in range(size):
@@ -166,7 +166,7 @@ def activate(code, size, z, slope):
 
 
 @njit_fused
-def activate_twice(code, size, z, slope, curve):
+def activate_twice(code, size, z, slope, curve):  # noqa: PLR0912  as above
     """The same, and fill `curve (size,)` with the second derivative."""
     if code == TANH:
         for j in range(size):

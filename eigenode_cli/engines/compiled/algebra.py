@@ -39,7 +39,7 @@ def dot(size, x, y):
 
 @njit
 def multiply(rows, columns, matrix, mirror, x, y):
-    """`y += M x` for `matrix (rows, columns)` row by row, and its transpose in `mirror`: loops run over the longer side."""
+    """`y += M x` for `matrix (rows, columns)` with its transpose in `mirror`; loops run over the longer side."""
     if rows >= columns:
         for c in range(columns):
             add_scaled(rows, x[c], shift(mirror, c * rows), y)
@@ -71,19 +71,19 @@ def combine(n, count, base, factor, weights, vectors, out):
     if n < SHORT:
         for i in range(n):
             total = 0.0
-            for l in range(count):
-                total += weights[l] * vectors[l * n + i]
+            for j in range(count):
+                total += weights[j] * vectors[j * n + i]
             out[i] = base[i] + factor * total
     else:
         copy(n, base, out)
-        for l in range(count):
-            add_scaled(n, factor * weights[l], shift(vectors, l * n), out)
+        for j in range(count):
+            add_scaled(n, factor * weights[j], shift(vectors, j * n), out)
 
 
 @njit
 def all_finite(size, x):
     """Whether no element is NaN or infinite."""
+    finite = True
     for i in range(size):
-        if not abs(x[i] - x[i]) == 0.0:  # a difference with itself is zero but for NaN and infinity
-            return False
-    return True
+        finite &= x[i] - x[i] == 0.0  # but for NaN and infinity
+    return finite

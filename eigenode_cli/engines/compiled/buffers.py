@@ -13,7 +13,7 @@ from eigenode_cli.engines.compiled.memory import address, aligned
 from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
 from eigenode_cli.engines.compiled.pullback import Bars
 from eigenode_cli.engines.compiled.spectrum import Eigen
-from eigenode_cli.problem import Problem
+from eigenode_cli.problem import REACH, Problem
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.terms import NAMES
 
@@ -166,6 +166,7 @@ def _build_setup(owner: Owner, problem: Problem) -> Setup:
         mask=owner.copy(data.mask, np.bool_),
         indices=owner.copy(problem.spectral_index, np.int64),
         references=owner.copy(data.states[problem.spectral_index], np.float64),
+        limit=owner.copy(REACH * np.abs(data.states).max(axis=0), np.float64),
         frequency=twice(targets.frequency, np.float64),
         damping=twice(targets.damping, np.float64),
         pairs=twice(targets.pairs, np.int64),

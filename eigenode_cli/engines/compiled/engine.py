@@ -72,6 +72,8 @@ class CompiledEngine:
 
     name = "compiled"
 
+    name = "compiled"
+
     def __init__(
         self,
         shape: MlpShape,
@@ -141,7 +143,7 @@ class CompiledEngine:
         )
 
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
-        """Values of the six terms and then of the user's by name, and states at `times (D,)` in s, ascending.
+        """Values of the six terms and then of the user's, and states at `times (D,)` in s, ascending.
 
         The terms are those of a solve over the data times, the same as in `loss_jacobian`; the states at `times`,
         which may go beyond them, are those of a solve of their own from the same initial state.
@@ -155,10 +157,7 @@ class CompiledEngine:
             )
         ) == FULL:
             self._grow()
-        own = [
-            float(term(states, spectra)[0]) if status == OK else math.nan
-            for _, term in sorted(self._user_terms.items())
-        ]
+        own = [float(term(states, spectra)[0]) if status == OK else math.nan for term in self._user_terms.values()]
         return Evaluation(
             values=np.concatenate([values, own]),
             trajectory=states,
@@ -169,16 +168,12 @@ class CompiledEngine:
             dense=self._solve(np.asarray(times, dtype=np.float64)),
         )
 
-    def _run_fused(
-        self, given: Floats, values: Floats, gradients: Floats, states: Floats, spectra: Complexes
-    ) -> int:
+    def _run_fused(self, given: Floats, values: Floats, gradients: Floats, states: Floats, spectra: Complexes) -> int:
         return kernel.loss_jacobian(
             self._core, self._room.steps, given, self._codes, self._forward_way, values, gradients, states, spectra
         )
 
-    def _run_split(
-        self, given: Floats, values: Floats, gradients: Floats, states: Floats, spectra: Complexes
-    ) -> int:
+    def _run_split(self, given: Floats, values: Floats, gradients: Floats, states: Floats, spectra: Complexes) -> int:
         """The same with the user's terms between forward kernel and pullback."""
         status = kernel.forward(self._core, self._room.steps, given, self._codes, True, values, states, spectra)
         if status == FULL:

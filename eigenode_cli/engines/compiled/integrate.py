@@ -68,7 +68,8 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
 
     Args:
         net, method, steps: field, tableau with tolerances, record to be filled.
-        given_count, given: step sizes to be taken as they are, the last one ending at `times[-1]`; none for adaptive steps.
+        given_count, given: step sizes to be taken as they are, the last one ending at `times[-1]`; none for adaptive
+            steps.
         start: initial state `(n,)`.
         count, times: output times `(N,)` in s, ascending.
         states: filled with the outputs `(N, n)`, NaN where the solve did not arrive.
@@ -76,14 +77,10 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     Returns:
         Status or `FULL`, accepted steps, rejected steps, number of outputs that were reached.
     """
-    n, stages = net.n, method.stages
+    n = net.n
     x, first = doubles(steps.x, 0), doubles(steps.k, 0)
-    final = doubles(steps.k, (stages - 1) * n)
-    copy(n, start, x)
-    copy(n, start, states)
-    for i in range(n, count * n):
-        states[i] = math.nan
-    integers(steps.output_step, 0)[0] = -1
+    final = doubles(steps.k, (method.stages - 1) * n)
+    _start(n, steps, start, count, states)
     evaluate_field(net, x, doubles(steps.record, 0), first)
     if not all_finite(n, first):
         return NON_FINITE, 0, 0, 1
@@ -94,28 +91,22 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     last_ratio, spoiled = SMALLEST_RATIO, False
     while t < end:
         if adaptive:
-            if accepted + rejected >= method.max_steps:
-                return MAX_STEPS, accepted, rejected, reached
-            # negated, so that a step of NaN counts as well
-            if not h >= SMALLEST_STEP * max(abs(t), 1e-300) or t + h == t:
-                return (NON_FINITE if spoiled else UNDERFLOW), accepted, rejected, reached
+            status = _stuck(method, t, h, accepted + rejected, spoiled)
             ending = t + h >= end
-            if ending:
-                h = end - t
+            h = end - t if ending else h
         else:
-            h = given[accepted]
+            status = NON_FINITE if spoiled else OK
             ending = accepted + 1 == given_count
+            h = given[accepted]
+        if status != OK:
+            return status, accepted, rejected, reached
         if accepted == steps.capacity:
             return FULL, accepted, rejected, reached
         ratio = _attempt(net, method, steps, h, accepted)
-        spoiled = math.isnan(ratio)
-        if not (adaptive or spoiled):
-            ratio = 0.0
-        if ratio <= 1.0:
+        spoiled = not ratio < math.inf
+        if ratio <= 1.0 or not (adaptive or spoiled):
             after = end if ending else t + h
-            while reached < count and times[reached] <= after:
-                _interpolate(n, method, steps, (times[reached] - t) / h, h, accepted, reached, states)
-                reached += 1
+            reached = _interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
             doubles(steps.size, 0)[accepted] = h
             accepted += 1
             t = after
@@ -123,19 +114,37 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
             copy(n, final, first)
         else:
             rejected += 1
-            if not adaptive:
-                return NON_FINITE, accepted, rejected, reached
         h = next_step(h, ratio, last_ratio, method.order)
-        if ratio <= 1.0:
-            last_ratio = max(ratio, SMALLEST_RATIO)
+        last_ratio = max(ratio, SMALLEST_RATIO) if ratio <= 1.0 else last_ratio
     return OK, accepted, rejected, reached
+
+
+@njit
+def _start(n, steps, start, count, states):
+    """Copy the initial state to where the first step and the first output read it; NaN for all other outputs."""
+    copy(n, start, doubles(steps.x, 0))
+    copy(n, start, states)
+    for i in range(n, count * n):
+        states[i] = math.nan
+    integers(steps.output_step, 0)[0] = -1
+
+
+@njit
+def _stuck(method, t, h, attempts, spoiled):
+    """Why an adaptive solve cannot go on from time `t` with a step of `h`, `OK` if it can."""
+    if attempts >= method.max_steps:
+        return MAX_STEPS
+    # negated, so that a step of NaN counts as well
+    if not h >= SMALLEST_STEP * max(abs(t), 1e-300) or t + h == t:
+        return NON_FINITE if spoiled else UNDERFLOW
+    return OK
 
 
 @njit
 def _attempt(net, method, steps, h, step):
     """One trial step of size `h`: fills stages 1 ... s-1, their records, and `steps.trial`.
 
-    Returns the error in units of the tolerance, NaN if the trial is not finite.
+    Returns the error in units of the tolerance, infinite if the trial is not finite.
     """
     n, stages = net.n, method.stages
     x, trial, error, k = doubles(steps.x, 0), doubles(steps.trial, 0), doubles(steps.error, 0), doubles(steps.k, 0)
@@ -145,9 +154,9 @@ def _attempt(net, method, steps, h, step):
         evaluate_field(net, trial, record, shift(k, j * n))
     clear(n, error)
     combine(n, stages, error, h, doubles(method.error, 0), k, error)
-    # the last stage need not enter the estimate, and an infinite state has a finite relative error
+    # the last stage need not enter the estimate, and the error relative to an infinite state is finite
     if not (all_finite(n, error) and all_finite(n, trial) and all_finite(n, shift(k, (stages - 1) * n))):
-        return math.nan
+        return math.inf
     total = 0.0
     for i in range(n):
         part = error[i] / (method.atol + method.rtol * max(abs(x[i]), abs(trial[i])))
@@ -156,15 +165,22 @@ def _attempt(net, method, steps, h, step):
 
 
 @njit
-def _interpolate(n, method, steps, fraction, h, step, output, states):
-    """Fill `states[output]` at a fraction of the step, and the weights that the pullback needs."""
+def _interpolate(n, method, steps, t, after, h, step, output, count, times, states):
+    """Fill `states` at all output times from number `output` on that lie in the step from `t` to `after`.
+
+    The weights that the pullback needs go to `steps`. Returns the number of the first output behind the step.
+    """
     stages = method.stages
-    weights = doubles(steps.output_weights, output * stages)
-    for j in range(stages):
-        d = doubles(method.dense, j * 4)
-        weights[j] = fraction * (d[0] + fraction * (d[1] + fraction * (d[2] + fraction * d[3])))
-    combine(n, stages, doubles(steps.x, 0), h, weights, doubles(steps.k, 0), shift(states, output * n))
-    integers(steps.output_step, 0)[output] = step
+    while output < count and times[output] <= after:
+        fraction = (times[output] - t) / h
+        weights = doubles(steps.output_weights, output * stages)
+        for j in range(stages):
+            d = doubles(method.dense, j * 4)
+            weights[j] = fraction * (d[0] + fraction * (d[1] + fraction * (d[2] + fraction * d[3])))
+        combine(n, stages, doubles(steps.x, 0), h, weights, doubles(steps.k, 0), shift(states, output * n))
+        integers(steps.output_step, 0)[output] = step
+        output += 1
+    return output
 
 
 @njit

@@ -49,31 +49,31 @@ def jacobian(net, record, tangents, a):
 
 
 @njit
-def _t(net, l, k, tangents):
+def _t(net, level, k, tangents):
     """`T_l` in direction k."""
-    return shift(tangents, layer(net, l)[TANGENT] + k * layer(net, l)[STRIDE])
+    return shift(tangents, layer(net, level)[TANGENT] + k * layer(net, level)[STRIDE])
 
 
 @njit
-def _v(net, l, k, tangents):
+def _v(net, level, k, tangents):
     """`V_l` in direction k."""
-    return _t(net, l, net.n + k, tangents)
+    return _t(net, level, net.n + k, tangents)
 
 
 @njit_sums
 def push_tangents(net, record, tangents):
     """Fill `tangents (net.tangents,)` with `T_l` and `V_l` of all hidden layers at a recorded state."""
     scale_in = doubles(net.scale_in, 0)
-    for l in range(1, net.last + 1):
-        inputs, width, at = layer(net, l - 1)[INPUTS], layer(net, l)[INPUTS], layer(net, l - 1)[WEIGHT]
-        slope = shift(record, layer(net, l)[SLOPE])
+    for level in range(1, net.last + 1):
+        inputs, width, at = layer(net, level - 1)[INPUTS], layer(net, level)[INPUTS], layer(net, level - 1)[WEIGHT]
+        slope = shift(record, layer(net, level)[SLOPE])
         for k in range(net.n):
-            t, v = _t(net, l, k, tangents), _v(net, l, k, tangents)
+            t, v = _t(net, level, k, tangents), _v(net, level, k, tangents)
             clear(width, t)
-            if l == 1:
+            if level == 1:
                 add_scaled(width, scale_in[k], doubles(net.mirror, at + k * width), t)
             else:
-                below = _v(net, l - 1, k, tangents)
+                below = _v(net, level - 1, k, tangents)
                 multiply(width, inputs, doubles(net.theta, at), doubles(net.mirror, at), below, t)
             for j in range(width):
                 v[j] = slope[j] * t[j]
@@ -97,21 +97,21 @@ def pull_back_jacobian(net, record, tangents, bar_a, bar_x, packed, scratch):
     # of each set, channels 0 ... n-1 hold the cotangents of V_l, channel n that of the layer's value
     here, there = scratch, shift(scratch, (n + 1) * room)
     _pull_back_output_layer(net, tangents, bar_a, packed, here, there)
-    for l in range(net.last, 0, -1):
-        _through_activation(net, l, record, tangents, here)
-        width, below = layer(net, l)[INPUTS], layer(net, l - 1)
+    for level in range(net.last, 0, -1):
+        _through_activation(net, level, record, tangents, here)
+        width, below = layer(net, level)[INPUTS], layer(net, level - 1)
         inputs, weight = below[INPUTS], shift(packed, below[WEIGHT])
         bar_z = shift(here, n * room)
         add_scaled(width, 1.0, bar_z, shift(packed, below[BIAS]))
         add_outer(width, inputs, bar_z, shift(record, below[VALUE]), weight)
-        multiply_transposed(net, l - 1, bar_z, shift(there, n * room))
+        multiply_transposed(net, level - 1, bar_z, shift(there, n * room))
         for k in range(n):
             bar_t = shift(here, k * room)
-            if l == 1:
+            if level == 1:
                 _add_to_column(width, n, k, scale_in[k], bar_t, weight)
             else:
-                add_outer(width, inputs, bar_t, _v(net, l - 1, k, tangents), weight)
-                multiply_transposed(net, l - 1, bar_t, shift(there, k * room))
+                add_outer(width, inputs, bar_t, _v(net, level - 1, k, tangents), weight)
+                multiply_transposed(net, level - 1, bar_t, shift(there, k * room))
         here, there = there, here
     if net.last > 0:
         bar_u = shift(here, n * room)
@@ -138,15 +138,15 @@ def _pull_back_output_layer(net, tangents, bar_a, packed, channels, scratch):
 
 
 @njit_sums
-def _through_activation(net, l, record, tangents, channels):
+def _through_activation(net, level, record, tangents, channels):
     """Cotangents of `V_l` become those of `T_l` in place, that of the layer's value becomes that of `z_l`."""
-    row, room = layer(net, l), net.widest
+    row, room = layer(net, level), net.widest
     width, slope, curve = row[INPUTS], shift(record, row[SLOPE]), shift(record, row[CURVE])
     bar_z = shift(channels, net.n * room)
     for j in range(width):
         bar_z[j] *= slope[j]
     for k in range(net.n):
-        t, bar_v = _t(net, l, k, tangents), shift(channels, k * room)
+        t, bar_v = _t(net, level, k, tangents), shift(channels, k * room)
         for j in range(width):
             bar_z[j] += curve[j] * bar_v[j] * t[j]
             bar_v[j] *= slope[j]

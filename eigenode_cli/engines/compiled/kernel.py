@@ -36,7 +36,8 @@ class Setup(NamedTuple):
         start: initial state `(n,)`.
         data, mask: observations `(N, n)`.
         indices: data times at which spectra are taken `(T,)`.
-        references: data states there `(T, n)`, over which the spectral terms are taken as well when a solve fails.
+        references: data states there `(T, n)`, at which a failed solve takes the spectral terms as well.
+        limit: moduli of the states up to which it takes them at the states that it reached `(n,)`.
         frequency, damping, pairs, stiffness: targets, one row for each of the T spectra and then again `(2 T, ...)`.
         margin, errors, delta: of the terms.
         stabilise: whether a failed solve gives spectral terms.
@@ -51,6 +52,7 @@ class Setup(NamedTuple):
     mask: int
     indices: int
     references: int
+    limit: int
     frequency: int
     damping: int
     pairs: int
@@ -132,20 +134,39 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     )
     outcome[STATUS], outcome[ACCEPTED], outcome[REJECTED], outcome[REACHED] = status, accepted, rejected, reached
     outcome[SPECTRA], outcome[GUARDED] = setup.count, 0
-    for t in range(setup.count):
-        state = shift(trajectory, integers(setup.indices, 0)[t] * n)
-        outcome[GUARDED] += _spectrum_at(core, state, t, vectors)
+    rows = setup.count
     if status != OK and setup.stabilise:
-        outcome[SPECTRA] = 2 * setup.count
-        for t in range(setup.count):
-            state = doubles(setup.references, t * n)
-            outcome[GUARDED] += _spectrum_at(core, state, setup.count + t, vectors)
+        rows = _stabilising_rows(core, reached, trajectory)
+    for t in range(setup.count):
+        fired = _spectrum_at(core, shift(trajectory, integers(setup.indices, 0)[t] * n), t, vectors)
+        outcome[GUARDED] += fired if t < rows else 0
     found = complexes(core.eigen.spectra, 0)
     for t in range(setup.count):
         for i in range(n):
             spectra[t, i] = found[t * n + i]
+    if status != OK and setup.stabilise:
+        for i in range(rows * n, setup.count * n):  # the terms skip a spectrum of NaN
+            found[i] = complex(math.nan, math.nan)
+        outcome[SPECTRA] = 2 * setup.count
+        for t in range(setup.count):
+            state = doubles(setup.references, t * n)
+            outcome[GUARDED] += _spectrum_at(core, state, setup.count + t, vectors)
     _evaluate_terms(core, codes, values, states)
     return status
+
+
+@njit
+def _stabilising_rows(core, reached, trajectory):
+    """How many spectra along a failed trajectory count: `Problem.stabilising_rows`."""
+    setup, n = core.setup, core.net.n
+    indices, limit = integers(setup.indices, 0), doubles(setup.limit, 0)
+    for t in range(setup.count):
+        if indices[t] >= reached:
+            return t
+        for i in range(n):
+            if not abs(trajectory[indices[t] * n + i]) <= limit[i]:
+                return t
+    return setup.count
 
 
 @njit
@@ -191,13 +212,13 @@ def _evaluate_terms(core, codes, values, states):
     shape = (setup.outputs, n)
     data, mask = carray(doubles(setup.data, 0), shape), carray(booleans(setup.mask, 0), shape)
     slope = carray(doubles(work.solution_slope, 0), shape)
-    for l in range(codes.size):
-        if codes[l] == SOL:
-            values[l] = sol(states, data, mask, errors[SOL], setup.delta, slope)
-        elif codes[l] < 0 or counted == 0:
-            values[l] = math.nan
-        if failed and (codes[l] == SOL or not setup.stabilise):
-            values[l] = math.nan
+    for term in range(codes.size):
+        if codes[term] == SOL:
+            values[term] = sol(states, data, mask, errors[SOL], setup.delta, slope)
+        elif codes[term] < 0 or counted == 0:
+            values[term] = math.nan
+        if failed and (codes[term] == SOL or not setup.stabilise):
+            values[term] = math.nan
 
 
 @njit
@@ -217,24 +238,24 @@ def pull_back(core, steps, codes, forward_way, values, gradients):
         return
     clear(bars.terms * net.size, doubles(bars.packed, 0))
     clear(setup.outputs * bars.terms * net.n, doubles(bars.states, 0))
-    for l in range(bars.terms):
-        if codes[l] <= SOL and not math.isnan(values[l]):
-            at = 0 if codes[l] == SOL else (-1 - codes[l]) * setup.outputs * net.n
-            slope = doubles(work.solution_slope if codes[l] == SOL else work.user_slopes, at)
+    for term in range(bars.terms):
+        if codes[term] <= SOL and not math.isnan(values[term]):
+            at = 0 if codes[term] == SOL else (-1 - codes[term]) * setup.outputs * net.n
+            slope = doubles(work.solution_slope if codes[term] == SOL else work.user_slopes, at)
             for j in range(setup.outputs):
-                bar = doubles(bars.states, (j * bars.terms + l) * net.n)
+                bar = doubles(bars.states, (j * bars.terms + term) * net.n)
                 add_scaled(net.n, 1.0, shift(slope, j * net.n), bar)
     for t in range(outcome[SPECTRA]):
         _pull_back_spectrum_at(core, t, outcome[SPECTRA])
-    if forward_way:
+    if outcome[STATUS] == OK and forward_way:
         forward_sensitivities(net, core.method, steps, bars, setup.outputs)
-    else:
+    elif outcome[STATUS] == OK:
         adjoint(net, core.method, steps, bars, setup.outputs)
-    for l in range(bars.terms):
-        if math.isnan(values[l]):
-            gradients[l, :] = math.nan
+    for term in range(bars.terms):
+        if math.isnan(values[term]):
+            gradients[term, :] = math.nan
         else:
-            unpack_gradient(net, doubles(bars.packed, l * net.size), shift(start_of(gradients), l * net.size))
+            unpack_gradient(net, doubles(bars.packed, term * net.size), shift(start_of(gradients), term * net.size))
 
 
 @njit
@@ -247,10 +268,11 @@ def _pull_back_spectrum_at(core, t, count):
     net, work, bars = core.curved, core.work, core.bars
     n, entries = net.n, net.m * net.n
     flags, active = integers(work.active, 0), 0
-    for l in range(bars.terms):
-        slope, bar_a = complexes(work.slopes, (l * count + t) * n), doubles(work.bar_a, l * entries)
-        flags[l] = int(pull_back_spectrum(core.eigen, t, net.m, slope, bar_a))
-        active += flags[l]
+    along = integers(work.outcome, 0)[STATUS] == OK  # the states of a failed solve count as constants
+    for term in range(bars.terms):
+        slope, bar_a = complexes(work.slopes, (term * count + t) * n), doubles(work.bar_a, term * entries)
+        flags[term] = int(pull_back_spectrum(core.eigen, t, net.m, slope, bar_a))
+        active += flags[term]
     if active == 0:
         return
     record, bar_x = doubles(work.records, t * net.width), doubles(work.bar_x, 0)
@@ -258,18 +280,18 @@ def _pull_back_spectrum_at(core, t, count):
     shared = entries < active
     if shared:
         _entry_rows(core, record)
-    for l in range(bars.terms):
-        if flags[l] == 1:
-            bar_a, gradient = doubles(work.bar_a, l * entries), doubles(bars.packed, l * net.size)
+    for term in range(bars.terms):
+        if flags[term] == 1:
+            bar_a, gradient = doubles(work.bar_a, term * entries), doubles(bars.packed, term * net.size)
             clear(n, bar_x)
             if shared:
                 combine_rows(entries, n, bar_a, doubles(work.rows_x, 0), bar_x)
                 combine_rows(entries, net.size, bar_a, doubles(work.rows_theta, 0), gradient)
             else:
                 _pull_back_matrix(core, record, bar_a, bar_x, gradient)
-            if t < core.setup.count:  # the other spectra are taken at given states
+            if along:
                 output = integers(core.setup.indices, 0)[t]
-                add_scaled(n, 1.0, bar_x, doubles(bars.states, (output * bars.terms + l) * n))
+                add_scaled(n, 1.0, bar_x, doubles(bars.states, (output * bars.terms + term) * n))
 
 
 @njit
@@ -294,8 +316,8 @@ def _pull_back_matrix(core, record, bar_a, bar_x, gradient):
 def loss_jacobian(core, steps, given, codes, forward_way, values, gradients, states, spectra):
     """`forward` and `pull_back` in one call."""
     vectors = False
-    for l in range(codes.size):
-        if codes[l] != SOL:
+    for term in range(codes.size):
+        if codes[term] != SOL:
             vectors = True
     status = forward(core, steps, given, codes, vectors, values, states, spectra)
     if status >= 0:

@@ -2,23 +2,23 @@
 
 from llvmlite import ir
 from numba import types
-from numba.extending import get_cython_function_address, intrinsic
+from numba.extending import get_cython_function_address
 from scipy.linalg import lapack
 
-from eigenode_cli.engines.compiled.memory import int32s, letters
+from eigenode_cli.engines.compiled.memory import int32s, letters, lowered
 from eigenode_cli.jit import njit
 
 DGEEV: int = get_cython_function_address("scipy.linalg.cython_lapack", "dgeev")
-"""Address of the routine. Kernels take it as an argument: a constant of one process must not get into the disk cache."""
+"""Address of the routine, an argument of kernels: a constant of one process must not get into the disk cache."""
 
 _ARGUMENTS = 14
 _V, _N = ord("V"), ord("N")
 
 
-@intrinsic
+@lowered
 def _call(typingctx, address, pointers):
     """Call the routine at `address`, which takes 14 pointers and returns nothing, with a tuple of 14 addresses."""
-    del typingctx
+    del typingctx, address
     if len(pointers) != _ARGUMENTS:
         raise TypeError(f"dgeev takes {_ARGUMENTS} arguments")
 
@@ -46,8 +46,8 @@ def dgeev_space(n: int) -> int:
 def dgeev(eigen, vectors):
     """Eigenvalues of the Fortran matrix at `eigen.a`, and unit eigenvectors if `vectors`, into the fields of `eigen`.
 
-    Vector i stands at `i n`; members of a pair are neighbours, the one with Im > 0 first, and real and imaginary part of
-    its vector stand where the vectors of the two would. Returns LAPACK's info, 0 for success.
+    Vector i stands at `i n`; members of a pair are neighbours, the one with Im > 0 first, and real and imaginary part
+    of its vector stand where the vectors of the two would. Returns LAPACK's info, 0 for success.
     """
     words, letter = int32s(eigen.words, 0), letters(eigen.letter, 0)
     words[0], words[1], words[2] = eigen.n, eigen.space_size, 0

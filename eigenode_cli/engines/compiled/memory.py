@@ -7,20 +7,26 @@ in named tuples, and turn them into pointers, which Numba indexes like arrays. N
 buffers (`buffers`) keeps them alive and makes them large enough.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+lowered: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
+"""`intrinsic`, for the eyes of a type checker: the typing context is no argument of the calls."""
+
 LINE = 8
 """Doubles in a cache line, the length of the longest vector as well."""
 
 
-def _pointer(dtype):
+def _pointer(dtype) -> Any:
     """An intrinsic that makes a pointer to element number `at` of the elements of `dtype` at an address."""
 
-    @intrinsic
+    @lowered
     def pointer(typingctx, address, at):
         del typingctx, address, at
 
@@ -41,7 +47,7 @@ int32s = _pointer(types.int32)
 letters = _pointer(types.uint8)
 
 
-@intrinsic
+@lowered
 def start_of(typingctx, array):
     """Pointer to the first element of a C-contiguous array."""
     del typingctx
@@ -52,7 +58,7 @@ def start_of(typingctx, array):
     return types.CPointer(array.dtype)(array), generate
 
 
-@intrinsic
+@lowered
 def shift(typingctx, pointer, by):
     """Pointer to the element number `by` from the one pointed at."""
     del typingctx, by
@@ -64,7 +70,7 @@ def shift(typingctx, pointer, by):
     return pointer(pointer, types.intp), generate
 
 
-@intrinsic
+@lowered
 def bits_of(typingctx, number):
     """The bits of a float64 as an int64."""
     del typingctx, number
@@ -76,7 +82,7 @@ def bits_of(typingctx, number):
     return types.int64(types.float64), generate
 
 
-@intrinsic
+@lowered
 def float_of(typingctx, bits):
     """The float64 of the bits of an int64."""
     del typingctx, bits

@@ -19,9 +19,9 @@ Floats = NDArray[np.float64]
 
 COLUMNS = 9
 INPUTS, OUTPUTS, WEIGHT, BIAS, VALUE, SLOPE, CURVE, STRIDE, TANGENT = range(COLUMNS)
-"""Columns of a layer table: dimensions; where weight and bias stand in theta; where the layer's input and the slopes and
-curvatures of the activation that made it stand in a record (-1 for not at all); the input's size in whole cache lines;
-where its tangents stand (`jacobian`)."""
+"""Columns of a layer table: dimensions; where weight and bias stand in theta; where the layer's input and the slopes
+and curvatures of the activation that made it stand in a record (-1 for not at all); the input's size in whole cache
+lines; where its tangents stand (`jacobian`)."""
 
 
 @dataclass(frozen=True)
@@ -99,18 +99,20 @@ def layer_table(shape: MlpShape, curved: bool) -> NDArray[np.int64]:
     """The layer table of a shape `(D + 1, COLUMNS)`; records hold second derivatives only if `curved`."""
     table = np.zeros((len(shape.sizes) - 1, COLUMNS), dtype=np.int64)
     parameter, at, tangent = 0, 0, 0
-    for l, (inputs, outputs) in enumerate(zip(shape.sizes[:-1], shape.sizes[1:], strict=True)):
+    for level, (inputs, outputs) in enumerate(zip(shape.sizes[:-1], shape.sizes[1:], strict=True)):
         stride = whole_lines(inputs)
-        blocks = [at, -1, -1] if l == 0 else [at, at + stride, at + 2 * stride if curved else -1]
-        table[l] = [inputs, outputs, parameter, parameter + inputs * outputs, *blocks, stride, tangent]
+        blocks = [at, -1, -1] if level == 0 else [at, at + stride, at + 2 * stride if curved else -1]
+        table[level] = [inputs, outputs, parameter, parameter + inputs * outputs, *blocks, stride, tangent]
         parameter += (inputs + 1) * outputs
         at = max(blocks) + stride
-        tangent += 0 if l == 0 else 2 * shape.sizes[0] * stride
+        tangent += 0 if level == 0 else 2 * shape.sizes[0] * stride
     return table
 
 
-def build_net(shape: MlpShape, table: NDArray[np.int64], scales: tuple[Floats, Floats], memory: tuple[Floats, Floats]) -> Net:
-    """The net of a shape on buffers of the caller's: its layer table, its scales, and room for theta and mirror `(P,)`."""
+def build_net(
+    shape: MlpShape, table: NDArray[np.int64], scales: tuple[Floats, Floats], memory: tuple[Floats, Floats]
+) -> Net:
+    """The net of a shape on buffers of the caller's: layer table, scales, and room for theta and mirror `(P,)`."""
     last, n = table[-1], shape.sizes[0]
     return Net(
         layers=address(table),
@@ -131,17 +133,17 @@ def build_net(shape: MlpShape, table: NDArray[np.int64], scales: tuple[Floats, F
 
 
 @njit
-def layer(net, l):
+def layer(net, level):
     """Row of the layer table: a pointer to its columns."""
-    return integers(net.layers, l * COLUMNS)
+    return integers(net.layers, level * COLUMNS)
 
 
 @njit
 def mirror_weights(net):
     """Fill `net.mirror` from `net.theta`."""
     theta, mirror = doubles(net.theta, 0), doubles(net.mirror, 0)
-    for l in range(net.last + 1):
-        inputs, outputs, at = layer(net, l)[INPUTS], layer(net, l)[OUTPUTS], layer(net, l)[WEIGHT]
+    for level in range(net.last + 1):
+        inputs, outputs, at = layer(net, level)[INPUTS], layer(net, level)[OUTPUTS], layer(net, level)[WEIGHT]
         for r in range(outputs):
             for c in range(inputs):
                 mirror[at + c * outputs + r] = theta[at + r * inputs + c]
@@ -150,9 +152,9 @@ def mirror_weights(net):
 @njit
 def unpack_gradient(net, packed, gradient):
     """Bring a gradient `(P,)` from the order it was gathered in (`algebra.add_outer`) into that of theta."""
-    for l in range(net.last + 1):
-        inputs, outputs = layer(net, l)[INPUTS], layer(net, l)[OUTPUTS]
-        at, bias = layer(net, l)[WEIGHT], layer(net, l)[BIAS]
+    for level in range(net.last + 1):
+        inputs, outputs = layer(net, level)[INPUTS], layer(net, level)[OUTPUTS]
+        at, bias = layer(net, level)[WEIGHT], layer(net, level)[BIAS]
         if is_mirrored(outputs, inputs):
             for r in range(outputs):
                 for c in range(inputs):
@@ -170,10 +172,10 @@ def evaluate_field(net, x, record, rate):
     u = record
     for i in range(n):
         u[i] = x[i] * scale_in[i]
-    for l in range(net.last):
-        size, above = layer(net, l)[OUTPUTS], layer(net, l + 1)
+    for level in range(net.last):
+        size, above = layer(net, level)[OUTPUTS], layer(net, level + 1)
         z, slope = shift(record, above[VALUE]), shift(record, above[SLOPE])
-        _affine(net, l, u, z)
+        _affine(net, level, u, z)
         if net.curved:
             activate_twice(net.activation, size, z, slope, shift(record, above[CURVE]))
         else:
@@ -189,23 +191,23 @@ def evaluate_field(net, x, record, rate):
 
 
 @njit
-def _affine(net, l, u, z):
-    inputs, outputs, at = layer(net, l)[INPUTS], layer(net, l)[OUTPUTS], layer(net, l)[WEIGHT]
-    copy(outputs, doubles(net.theta, layer(net, l)[BIAS]), z)
+def _affine(net, level, u, z):
+    inputs, outputs, at = layer(net, level)[INPUTS], layer(net, level)[OUTPUTS], layer(net, level)[WEIGHT]
+    copy(outputs, doubles(net.theta, layer(net, level)[BIAS]), z)
     multiply(outputs, inputs, doubles(net.theta, at), doubles(net.mirror, at), u, z)
 
 
 @njit
-def multiply_transposed(net, l, z, u):
+def multiply_transposed(net, level, z, u):
     """`u = W_l^T z`."""
-    inputs, outputs, at = layer(net, l)[INPUTS], layer(net, l)[OUTPUTS], layer(net, l)[WEIGHT]
+    inputs, outputs, at = layer(net, level)[INPUTS], layer(net, level)[OUTPUTS], layer(net, level)[WEIGHT]
     clear(inputs, u)
     multiply(inputs, outputs, doubles(net.mirror, at), doubles(net.theta, at), z, u)
 
 
 @njit
 def pull_back_outputs(net, record, seed, bar_x, packed, scratch):
-    """Add the pullback of a cotangent of the network's outputs: `bar_x += (dy/dx)^T seed`, `packed += (dy/dtheta)^T seed`.
+    """Add the pullback of a cotangent of the outputs: `bar_x += (dy/dx)^T seed`, `packed += (dy/dtheta)^T seed`.
 
     Args:
         record: of the evaluation.
@@ -218,13 +220,13 @@ def pull_back_outputs(net, record, seed, bar_x, packed, scratch):
     bar_z, bar_u = scratch, shift(scratch, net.widest)
     for o in range(net.m):
         bar_z[o] = seed[o] * scale_out[o]
-    for l in range(net.last, -1, -1):
-        row = layer(net, l)
+    for level in range(net.last, -1, -1):
+        row = layer(net, level)
         inputs, outputs = row[INPUTS], row[OUTPUTS]
         add_scaled(outputs, 1.0, bar_z, shift(packed, row[BIAS]))
         add_outer(outputs, inputs, bar_z, shift(record, row[VALUE]), shift(packed, row[WEIGHT]))
-        multiply_transposed(net, l, bar_z, bar_u)
-        if l > 0:
+        multiply_transposed(net, level, bar_z, bar_u)
+        if level > 0:
             slope = shift(record, row[SLOPE])
             for j in range(inputs):
                 bar_u[j] *= slope[j]

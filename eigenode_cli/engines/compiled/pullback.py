@@ -76,12 +76,12 @@ def _pull_back_field(net, record, bars, bar_rate, bar_x):
     shared = m < bars.terms
     if shared:
         _output_rows(net, record, bars)
-    for l in range(bars.terms):
-        bar, seed = shift(bar_x, l * n), shift(bar_rate, l * n + lead)
-        gradient = doubles(bars.packed, l * net.size)
+    for term in range(bars.terms):
+        bar, seed = shift(bar_x, term * n), shift(bar_rate, term * n + lead)
+        gradient = doubles(bars.packed, term * net.size)
         clear(n, bar)
         for i in range(lead):
-            bar[m + i] = bar_rate[l * n + i]
+            bar[m + i] = bar_rate[term * n + i]
         if shared:
             combine_rows(m, n, seed, doubles(bars.rows_x, 0), bar)
             combine_rows(m, net.size, seed, doubles(bars.rows_theta, 0), gradient)
@@ -91,10 +91,7 @@ def _pull_back_field(net, record, bars, bar_rate, bar_x):
 
 @njit
 def _last_output(count, size, states):
-    """Index of the last of `count` outputs whose cotangent `(size,)` is not zero; 0 for none but the initial state.
-
-    Steps behind it must not be walked: where a solve explodes, zero times their derivatives is not zero.
-    """
+    """Index of the last of `count` outputs whose cotangent `(size,)` is not zero; 0 for none but the initial state."""
     for o in range(count - 1, 0, -1):
         for i in range(size):
             if states[o * size + i] != 0.0:
@@ -182,11 +179,11 @@ def forward_sensitivities(net, method, steps, bars, outputs):
             record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
             _push_field(net, record, bars, stage, shift(k, j * length))
         q = bars.terms * n
-        for l in range(bars.terms):
-            gradient = doubles(bars.packed, l * net.size)
-            combine_rows(n, net.size, doubles(bars.start, l * n), state, gradient)
+        for term in range(bars.terms):
+            gradient = doubles(bars.packed, term * net.size)
+            combine_rows(n, net.size, doubles(bars.start, term * n), state, gradient)
             for j in range(stages):
-                factors = doubles(bars.stage_rates, j * q + l * n)
+                factors = doubles(bars.stage_rates, j * q + term * n)
                 combine_rows(n, net.size, factors, shift(k, j * length), gradient)
         copy(length, stage, state)
         copy(length, shift(k, (stages - 1) * length), k)

@@ -9,7 +9,7 @@ guard bounds it, since it grows without limit where a pair merges.
 import math
 from typing import NamedTuple
 
-from eigenode_cli.engines.compiled.algebra import all_finite, clear, copy
+from eigenode_cli.engines.compiled.algebra import all_finite, clear
 from eigenode_cli.engines.compiled.lapack import dgeev
 from eigenode_cli.engines.compiled.memory import complexes, doubles, shift
 from eigenode_cli.jit import njit, njit_sums
@@ -23,7 +23,7 @@ class Eigen(NamedTuple):
         max_condition: the guard: largest condition of an eigenvalue that its sensitivity may show.
         spectra: eigenvalues of all T matrices `(T, n)`.
         left: `conj(w_i) / (w_i^H v_i)`, guarded, `(T, n, n)`.
-        right_real, right_imag: parts of `v_i` `(T, n, n)`, so that `d lambda_i = sum_ab left[i, a] dA[a, b] right[i, b]`.
+        right_real, right_imag: parts of `v_i` `(T, n, n)`; `d lambda_i = sum_ab left[i, a] dA[a, b] right[i, b]`.
         a: a matrix, destroyed `(n, n)`.
         real, imag: eigenvalues `(n,)`.
         vectors, covectors: eigenvectors as LAPACK packs them `(n, n)`.
@@ -122,13 +122,20 @@ def _rank_one(eigen, p, q, r, s, trace, at, i):
 
 @njit
 def _general(eigen, a, at, vectors, row):
-    """LAPACK reads the rows of `a` as columns, so it sees the transpose, whose right eigenvectors are conj(w)."""
-    n = eigen.n
-    copy(n * n, a, doubles(eigen.a, 0))
+    """LAPACK reads the rows of `a` as columns, so it sees the transpose, whose right eigenvectors are conj(w).
+
+    The matrix is scaled to about 1 by a power of two: some builds of LAPACK do not undo their own scaling.
+    """
+    n, largest, scaled = eigen.n, 0.0, doubles(eigen.a, 0)
+    for i in range(n * n):
+        largest = max(largest, abs(a[i]))
+    scale = math.ldexp(1.0, min(1000, max(-1000, -math.frexp(largest)[1])))
+    for i in range(n * n):
+        scaled[i] = a[i] * scale
     info = dgeev(eigen, vectors)
     real, imag = doubles(eigen.real, 0), doubles(eigen.imag, 0)
     for i in range(n):
-        row[i] = complex(real[i], imag[i]) if info == 0 else complex(math.nan, math.nan)
+        row[i] = complex(real[i] / scale, imag[i] / scale) if info == 0 else complex(math.nan, math.nan)
     fired = 0
     if info == 0 and vectors:
         for i in range(n):
@@ -138,7 +145,7 @@ def _general(eigen, a, at, vectors, row):
 
 @njit
 def _unpack_vectors(eigen, at, i):
-    """Vectors of eigenvalue i of matrix `at`, the left one divided by the guarded `w^H v`; returns 1 if the guard fired."""
+    """Vectors of eigenvalue i of matrix `at`, the left one over the guarded `w^H v`; returns 1 if the guard fired."""
     n, start = eigen.n, (at * eigen.n + i) * eigen.n
     left, right_real = complexes(eigen.left, start), doubles(eigen.right_real, start)
     right_imag, imag = doubles(eigen.right_imag, start), doubles(eigen.imag, 0)[i]
@@ -163,7 +170,7 @@ def _unpack_vectors(eigen, at, i):
 
 @njit
 def pull_back_spectrum(eigen, at, m, slope, bar_a):
-    """Fill `bar_a (m, n)`, the cotangent of the last m rows of matrix `at`, with `sum_i Re(conj(slope_i) d lambda_i/dA)`.
+    """Fill `bar_a (m, n)`, cotangent of the last m rows of matrix `at`, with `sum_i Re(conj(slope_i) d lambda_i/dA)`.
 
     `slope (n,)` is `dl/dRe + i dl/dIm` of each eigenvalue. Returns whether any is not zero.
     """
