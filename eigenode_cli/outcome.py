@@ -60,7 +60,8 @@ def write_eigenvalues(
     spectra = np.full((count, n), np.nan, dtype=np.complex128)
     vectors = np.full((count, n, n), np.nan, dtype=np.complex128)
     with torch.no_grad():
-        matrices = jacobian(field, torch.from_numpy(states[reached]), problem.jacobian)
+        method = "symbolic" if field.has_symbolic_jacobian else problem.jacobian
+        matrices = jacobian(field, torch.from_numpy(states[reached]), method)
         result = eig(matrices, problem.max_condition)
     spectra[reached], vectors[reached] = result.eigenvalues.numpy(), result.eigenvectors.numpy()
     order = track(spectra, vectors)

@@ -23,7 +23,7 @@ from eigenode_cli.config.schema import CombineConfig, SequentialConfig, StatedTa
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine
-from eigenode_cli.engines.select import build_engine, load_user_terms
+from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
@@ -33,6 +33,7 @@ from eigenode_cli.reference import reference_solution, sample, stated_targets, t
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
+from eigenode_cli.terms.user import load_user_terms
 from eigenode_cli.trainer import Trainer, Unsolvable, summary
 
 DENSE = 1000

@@ -82,7 +82,7 @@ class Trainer:
             raise
 
     def _step(self) -> None:
-        start = perf_counter()
+        start = perf_counter() - self.engine.compile_seconds
         jacobian = self.engine.loss_jacobian(self.theta)
         self._note_status(jacobian)
         gradients = acting(jacobian.gradients, self.scales)
@@ -91,7 +91,7 @@ class Trainer:
                 self.optimizer.update(self.theta, update)
         self.progress.step += 1
         self.progress.guard_count += jacobian.guard_count
-        self.progress.train_seconds += perf_counter() - start
+        self.progress.train_seconds += perf_counter() - self.engine.compile_seconds - start
 
     def _note_status(self, jacobian: LossJacobian) -> None:
         """Count failed solves, and say when they begin and when the field is solvable again."""

@@ -1,6 +1,5 @@
 """The reference engine: any torch vector field, torchdiffeq, autograd."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +16,7 @@ from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.jacobian import jacobian
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
-
-UserTerm = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""A user's own term: `(trajectory (N, n), spectra (T, n) complex, data times (N,)) -> scalar`."""
+from eigenode_cli.terms.user import UserTerm
 
 
 @dataclass(frozen=True)

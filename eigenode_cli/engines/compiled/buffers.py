@@ -158,7 +158,7 @@ def _build_setup(owner: Owner, problem: Problem) -> Setup:
 
     return Setup(
         outputs=data.times.size,
-        count=problem.spectral_index.size,
+        rows=problem.spectral_index.size,
         pair_count=targets.frequency.shape[1],
         times=owner.copy(data.times, np.float64),
         start=owner.copy(problem.initial_state, np.float64),

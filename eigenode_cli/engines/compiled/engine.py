@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -228,11 +229,12 @@ class CompiledEngine:
         """Compile or load the kernels before their first call, and take the time."""
         given, *results = arrays
         arguments = (self._core, self._room.steps, given, self._codes, self._forward_way, *results)
-        in_memory = bool(kernel.loss_jacobian.signatures)
-        if not (in_memory or any(Path(numba.config.CACHE_DIR).rglob("kernel.loss_jacobian-*.nbi"))):
+        dispatcher: Any = kernel.loss_jacobian
+        cache = Path(numba.config.CACHE_DIR)  # pyright: ignore[reportAttributeAccessIssue]  # set by name
+        if not (dispatcher.signatures or any(cache.rglob("kernel.loss_jacobian-*.nbi"))):
             self._announce("compiling the engine, once for this version (half a minute)")
         start = time.perf_counter()
-        kernel.loss_jacobian.compile(tuple(numba.typeof(argument) for argument in arguments))
+        dispatcher.compile(tuple(numba.typeof(argument) for argument in arguments))
         self.compile_seconds = time.perf_counter() - start
         self._compiled = True
 

@@ -31,7 +31,7 @@ class Setup(NamedTuple):
     """The problem as the kernels read it, for N data times, T spectra, K pairs; arrays by their addresses.
 
     Attributes:
-        outputs, count, pair_count: N, T, K.
+        outputs, rows, pair_count: N, T, K.
         times: data times `(N,)`.
         start: initial state `(n,)`.
         data, mask: observations `(N, n)`.
@@ -44,7 +44,7 @@ class Setup(NamedTuple):
     """
 
     outputs: int
-    count: int
+    rows: int
     pair_count: int
     times: int
     start: int
@@ -133,24 +133,24 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
         core.net, core.method, steps, given.size, start_of(given), start, setup.outputs, times, trajectory
     )
     outcome[STATUS], outcome[ACCEPTED], outcome[REJECTED], outcome[REACHED] = status, accepted, rejected, reached
-    outcome[SPECTRA], outcome[GUARDED] = setup.count, 0
-    rows = setup.count
+    outcome[SPECTRA], outcome[GUARDED] = setup.rows, 0
+    counted = setup.rows
     if status != OK and setup.stabilise:
-        rows = _stabilising_rows(core, reached, trajectory)
-    for t in range(setup.count):
+        counted = _stabilising_rows(core, reached, trajectory)
+    for t in range(setup.rows):
         fired = _spectrum_at(core, shift(trajectory, integers(setup.indices, 0)[t] * n), t, vectors)
-        outcome[GUARDED] += fired if t < rows else 0
+        outcome[GUARDED] += fired if t < counted else 0
     found = complexes(core.eigen.spectra, 0)
-    for t in range(setup.count):
+    for t in range(setup.rows):
         for i in range(n):
             spectra[t, i] = found[t * n + i]
     if status != OK and setup.stabilise:
-        for i in range(rows * n, setup.count * n):  # the terms skip a spectrum of NaN
+        for i in range(counted * n, setup.rows * n):  # the terms skip a spectrum of NaN
             found[i] = complex(math.nan, math.nan)
-        outcome[SPECTRA] = 2 * setup.count
-        for t in range(setup.count):
+        outcome[SPECTRA] = 2 * setup.rows
+        for t in range(setup.rows):
             state = doubles(setup.references, t * n)
-            outcome[GUARDED] += _spectrum_at(core, state, setup.count + t, vectors)
+            outcome[GUARDED] += _spectrum_at(core, state, setup.rows + t, vectors)
     _evaluate_terms(core, codes, values, states)
     return status
 
@@ -160,13 +160,13 @@ def _stabilising_rows(core, reached, trajectory):
     """How many spectra along a failed trajectory count: `Problem.stabilising_rows`."""
     setup, n = core.setup, core.net.n
     indices, limit = integers(setup.indices, 0), doubles(setup.limit, 0)
-    for t in range(setup.count):
+    for t in range(setup.rows):
         if indices[t] >= reached:
             return t
         for i in range(n):
             if not abs(trajectory[indices[t] * n + i]) <= limit[i]:
                 return t
-    return setup.count
+    return setup.rows
 
 
 @njit

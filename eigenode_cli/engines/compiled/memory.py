@@ -7,7 +7,6 @@ in named tuples, and turn them into pointers, which Numba indexes like arrays. N
 buffers (`buffers`) keeps them alive and makes them large enough.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,6 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-lowered: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
-"""`intrinsic`, for the eyes of a type checker: the typing context is no argument of the calls."""
-
 LINE = 8
 """Doubles in a cache line, the length of the longest vector as well."""
 
@@ -26,7 +22,7 @@ LINE = 8
 def _pointer(dtype) -> Any:
     """An intrinsic that makes a pointer to element number `at` of the elements of `dtype` at an address."""
 
-    @lowered
+    @intrinsic
     def pointer(typingctx, address, at):
         del typingctx, address, at
 
@@ -47,9 +43,7 @@ int32s = _pointer(types.int32)
 letters = _pointer(types.uint8)
 
 
-@lowered
-def start_of(typingctx, array):
-    """Pointer to the first element of a C-contiguous array."""
+def _start_of(typingctx, array):
     del typingctx
 
     def generate(context, builder, signature, args):
@@ -58,9 +52,11 @@ def start_of(typingctx, array):
     return types.CPointer(array.dtype)(array), generate
 
 
-@lowered
-def shift(typingctx, pointer, by):
-    """Pointer to the element number `by` from the one pointed at."""
+start_of: Any = intrinsic(_start_of)
+"""`start_of(array)`: pointer to the first element of a C-contiguous array."""
+
+
+def _shift(typingctx, pointer, by):
     del typingctx, by
 
     def generate(context, builder, signature, args):
@@ -70,9 +66,11 @@ def shift(typingctx, pointer, by):
     return pointer(pointer, types.intp), generate
 
 
-@lowered
-def bits_of(typingctx, number):
-    """The bits of a float64 as an int64."""
+shift: Any = intrinsic(_shift)
+"""`shift(pointer, by)`: pointer to the element number `by` from the one pointed at."""
+
+
+def _bits_of(typingctx, number):
     del typingctx, number
 
     def generate(context, builder, signature, args):
@@ -82,9 +80,11 @@ def bits_of(typingctx, number):
     return types.int64(types.float64), generate
 
 
-@lowered
-def float_of(typingctx, bits):
-    """The float64 of the bits of an int64."""
+bits_of: Any = intrinsic(_bits_of)
+"""`bits_of(number)`: the bits of a float64 as an int64."""
+
+
+def _float_of(typingctx, bits):
     del typingctx, bits
 
     def generate(context, builder, signature, args):
@@ -92,6 +92,10 @@ def float_of(typingctx, bits):
         return builder.bitcast(args[0], ir.DoubleType())
 
     return types.float64(types.int64), generate
+
+
+float_of: Any = intrinsic(_float_of)
+"""`float_of(bits)`: the float64 of the bits of an int64."""
 
 
 def whole_lines(size: int) -> int:
