@@ -1,0 +1,149 @@
+"""Two engines, one meaning: values and gradients agree at frozen steps, and at tight tolerance."""
+
+import numpy as np
+import pytest
+import torch
+
+from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, MlpConfig, SolverConfig
+from eigenode_cli.data import Data
+from eigenode_cli.engines.base import Floats, LossJacobian
+from eigenode_cli.engines.compiled.engine import CompiledEngine
+from eigenode_cli.engines.select import shape_of
+from eigenode_cli.engines.torch_engine import TorchEngine
+from eigenode_cli.field import VectorField, build_field, flat_parameters
+from eigenode_cli.problem import Problem
+from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.terms.user import on_arrays
+from tests.conftest import Case, make_case, solver
+
+TIGHT = solver(rtol=1e-11, atol=1e-12, max_steps=100_000)
+
+
+def trained(field: VectorField, problem: Problem, steps: int = 300) -> Floats:
+    """Weights after some training, so that eigenvalues stand where training brings them."""
+    engine = CompiledEngine(shape_of(field), problem)
+    theta = flat_parameters(field)
+    for _ in range(steps):
+        gradient = np.nan_to_num(engine.loss_jacobian(theta).gradients).sum(axis=0)
+        theta -= 5e-3 * gradient / (np.linalg.norm(gradient) + 1e-12) * np.sqrt(theta.size) * 0.2
+    return theta
+
+
+def assert_same(ours: LossJacobian, reference: LossJacobian, relative: float) -> None:
+    assert ours.status == reference.status
+    np.testing.assert_allclose(ours.values, reference.values, rtol=relative, atol=1e-13)
+    scale = np.linalg.norm(reference.gradients, axis=1, keepdims=True)
+    assert (np.abs(ours.gradients - reference.gradients) <= relative * np.maximum(scale, 1e-8)).all()
+    np.testing.assert_allclose(ours.trajectory, reference.trajectory, rtol=relative, atol=1e-12)
+    order = [np.lexsort((s.imag, s.real)) for s in ours.spectra.round(9)]
+    theirs = [np.lexsort((s.imag, s.real)) for s in reference.spectra.round(9)]
+    for a, b, i, j in zip(ours.spectra, reference.spectra, order, theirs, strict=True):
+        np.testing.assert_allclose(a[i], b[j], rtol=1e-7, atol=1e-8)
+
+
+def compare_frozen(field: VectorField, problem: Problem, theta: Floats, relative: float = 1e-9) -> None:
+    compiled = CompiledEngine(shape_of(field), problem)
+    adaptive = compiled.loss_jacobian(theta)
+    steps = compiled.steps
+    reference = TorchEngine(field, problem, {}).loss_jacobian(theta, steps.tolist())
+    assert_same(compiled.loss_jacobian(theta, steps), reference, relative)
+    assert adaptive.n_accepted == steps.size
+
+
+@pytest.mark.parametrize("hidden", [[32], [16, 8], [8, 7, 6]], ids=str)
+@pytest.mark.parametrize("weights", ["random", "trained"])
+def test_all_terms_at_frozen_steps(case: Case, hidden: list[int], weights: str) -> None:
+    field, problem = case.field(seed=4, hidden=hidden), case.problem()
+    theta = trained(field, problem) if weights == "trained" else flat_parameters(field)
+    compare_frozen(field, problem, theta)
+
+
+def many_states(n: int) -> tuple[VectorField, Problem]:
+    """A field of n states with the trajectory of another random field as data, and targets with pairs and reals."""
+    case = make_case("oscillator")
+    generator = np.random.default_rng(n)
+    times = np.linspace(0.0, 2.0, 21)
+    start = generator.normal(size=n)
+    states = start * np.cos(np.outer(times, 1.0 + generator.random(n)))
+    data = Data(times, states, np.ones_like(states, dtype=bool))
+    spectra = np.linalg.eigvals(generator.normal(size=(21, n, n)))
+    problem = case.problem(data=data, targets=targets_of_spectra(spectra))
+    config = MlpConfig(
+        name="mlp",
+        structure="second_order",
+        hidden=[12],
+        activation="tanh",
+        init="kaiming",
+        input_scaling="max_abs",
+        output_scaling="none",
+    )
+    return build_field(config, states, states, seed=n), problem
+
+
+@pytest.mark.parametrize("n", [4, 10])
+def test_more_states_at_frozen_steps(n: int) -> None:
+    field, problem = many_states(n)
+    compare_frozen(field, problem, flat_parameters(field), relative=1e-8)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        AdaptiveSolverConfig(name="dopri5", rtol=1e-4, atol=1e-6, max_steps=10_000),
+        FixedSolverConfig(name="rk4", step=0.03),
+    ],
+    ids=["dopri5", "rk4"],
+)
+def test_other_solvers(case: Case, config: SolverConfig) -> None:
+    field, problem = case.field(seed=2), case.problem(solver=config)
+    theta = flat_parameters(field)
+    compiled = CompiledEngine(shape_of(field), problem).loss_jacobian(theta)
+    assert_same(compiled, TorchEngine(field, problem, {}).loss_jacobian(theta), 1e-8)
+
+
+def test_adaptive_at_tight_tolerance(case: Case) -> None:
+    field, problem = case.field(seed=5), case.problem(solver=TIGHT)
+    theta = flat_parameters(field)
+    compiled = CompiledEngine(shape_of(field), problem).loss_jacobian(theta)
+    assert_same(compiled, TorchEngine(field, problem, {}).loss_jacobian(theta), 1e-7)
+
+
+def test_both_take_the_same_steps(case: Case) -> None:
+    """One controller, one initial step, one error norm: not only the results agree."""
+    field, problem = case.field(seed=6), case.problem()
+    theta = flat_parameters(field)
+    compiled = CompiledEngine(shape_of(field), problem).loss_jacobian(theta)
+    reference = TorchEngine(field, problem, {}).loss_jacobian(theta)
+    assert (compiled.n_accepted, compiled.n_rejected) == (reference.n_accepted, reference.n_rejected)
+    assert_same(compiled, reference, 1e-8)
+
+
+def test_failed_solve_stabilises_alike() -> None:
+    """A linear field that overflows: both keep the spectral terms, on the same states, held constant."""
+    case = make_case("oscillator")
+    field = case.field(seed=1, activation="identity")
+    theta = flat_parameters(field) * 30.0
+    problem = case.problem(solver=solver(max_steps=60))
+    compiled = CompiledEngine(shape_of(field), problem).loss_jacobian(theta)
+    reference = TorchEngine(field, problem, {}).loss_jacobian(theta)
+    assert compiled.status == reference.status != 0
+    np.testing.assert_allclose(compiled.values, reference.values, rtol=1e-9)
+    np.testing.assert_allclose(compiled.gradients[1:], reference.gradients[1:], rtol=1e-8, atol=1e-10)
+    assert np.isnan(compiled.values[0])
+    assert np.isfinite(compiled.values[1:]).all()
+
+
+def test_users_own_terms() -> None:
+    case = make_case("vdp")
+
+    def own(trajectory: torch.Tensor, spectra: torch.Tensor, times: torch.Tensor) -> torch.Tensor:
+        return (trajectory**2).mean() + (spectra.abs() ** 2).mean() + times.mean()
+
+    field, problem = case.field(seed=3), case.problem(terms=("sol", "frq", "own"))
+    theta = flat_parameters(field)
+    times = torch.from_numpy(problem.data.times)
+    compiled = CompiledEngine(shape_of(field), problem, {"own": on_arrays(own, times)})
+    ours = compiled.loss_jacobian(theta)
+    reference = TorchEngine(field, problem, {"own": own}).loss_jacobian(theta, compiled.steps.tolist())
+    np.testing.assert_allclose(ours.values, reference.values, rtol=1e-9)
+    np.testing.assert_allclose(ours.gradients, reference.gradients, rtol=1e-7, atol=1e-9)
