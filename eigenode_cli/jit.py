@@ -2,7 +2,7 @@
 
 Numba's own disk cache keys a function by the file it stands in, so that a change in a kernel which it calls goes
 unnoticed, and it writes beside the source, which a read-only site-packages refuses. So the cache lies in a folder of
-the user's, named after a hash of every source file of this package that holds a kernel.
+the user's, named after a hash of every source file of this package that has to do with kernels.
 """
 
 import hashlib
@@ -20,7 +20,7 @@ def _source_hash() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
         text = source.read_bytes()
-        if b"njit" in text:
+        if b"njit" in text or b"numba" in text:
             digest.update(source.relative_to(_PACKAGE).as_posix().encode())
             digest.update(text)
     return digest.hexdigest()[:16]
@@ -44,8 +44,18 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 njit = numba.njit(cache=True, nogil=True, error_model="numpy")
 """Decorator of every kernel: cached on disk, GIL released, IEEE division. No fastmath: NaN must be seen."""
 
-njit_fused = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+_INNER = {
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
+
+njit_inner = numba.njit(**_INNER)
+"""For functions that only kernels call: no entry from Python and nothing on disk, which saves compilation."""
+
+njit_fused = numba.njit(**_INNER, fastmath={"contract"})
 """The same for elementary functions: a product and a sum may become one fused operation, nothing else may move."""
 
-njit_sums = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+njit_sums = numba.njit(**_INNER, fastmath={"contract", "reassoc"})
 """The same for sums of products: their order may change, so that reductions vectorise. NaN and infinity still count."""

@@ -1,20 +1,20 @@
 """The few vector operations that everything here is made of, on pointers, the sizes first."""
 
 from eigenode_cli.engines.compiled.memory import shift
-from eigenode_cli.jit import njit, njit_sums
+from eigenode_cli.jit import njit_inner, njit_sums
 
 SHORT = 8
 """Below this length a vector is treated element by element: the set-up of a vector loop would cost more."""
 
 
-@njit
+@njit_inner
 def clear(size, y):
     """`y = 0`."""
     for i in range(size):
         y[i] = 0.0
 
 
-@njit
+@njit_inner
 def copy(size, x, y):
     """`y = x`."""
     for i in range(size):
@@ -37,7 +37,7 @@ def dot(size, x, y):
     return total
 
 
-@njit
+@njit_inner
 def multiply(rows, columns, matrix, mirror, x, y):
     """`y += M x` for `matrix (rows, columns)` with its transpose in `mirror`; loops run over the longer side."""
     if rows >= columns:
@@ -48,13 +48,13 @@ def multiply(rows, columns, matrix, mirror, x, y):
             y[r] += dot(columns, shift(matrix, r * columns), x)
 
 
-@njit
+@njit_inner
 def is_mirrored(rows, columns):
     """Whether gradients in a matrix `(rows, columns)` are gathered column by column."""
     return rows >= columns
 
 
-@njit
+@njit_inner
 def add_outer(rows, columns, y, x, product):
     """`product += y x^T (rows, columns)`, stored along its longer side: column by column where `is_mirrored`."""
     if is_mirrored(rows, columns):
@@ -80,7 +80,7 @@ def combine(n, count, base, factor, weights, vectors, out):
             add_scaled(n, factor * weights[j], shift(vectors, j * n), out)
 
 
-@njit
+@njit_inner
 def all_finite(size, x):
     """Whether no element is NaN or infinite."""
     finite = True

@@ -146,7 +146,7 @@ def build_core(
         outcome=owner.keep(shared.outcome),
     )
     bars = _build_bars(owner, net, method, outputs, terms, forward_way)
-    eigen = _build_eigen(owner, n, 2 * count, problem.max_condition)
+    eigen = build_eigen(owner, n, 2 * count, problem.max_condition)
     return Core(net, curved, method, eigen, bars, _build_setup(owner, problem), work), shared
 
 
@@ -199,7 +199,8 @@ def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int
     )
 
 
-def _build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen:
+def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen:
+    """Room for `count` spectra of n eigenvalues, and working space."""
     space = dgeev_space(n)
     return Eigen(
         n=n,

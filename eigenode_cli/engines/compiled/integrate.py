@@ -3,10 +3,12 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from eigenode_cli.engines.compiled.algebra import all_finite, clear, combine, copy
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
 from eigenode_cli.engines.compiled.mlp import evaluate_field
-from eigenode_cli.jit import njit
+from eigenode_cli.jit import njit_inner
 from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
 
@@ -62,7 +64,7 @@ class Steps(NamedTuple):
     error: int
 
 
-@njit
+@njit_inner
 def integrate(net, method, steps, given_count, given, start, count, times, states):
     """Solve from `start (n,)` at `times[0]` to `times[-1]`, with interpolated outputs at all `times (count,)`.
 
@@ -87,15 +89,15 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     t, end = times[0], times[count - 1]
     adaptive = given_count == 0
     h = _initial_step(net, method, steps) if adaptive and t < end else 0.0
-    accepted, rejected, reached = 0, 0, 1
-    last_ratio, spoiled = SMALLEST_RATIO, False
+    accepted, rejected, reached = np.int64(0), np.int64(0), np.int64(1)  # literals would compile what they enter twice
+    last_ratio, ratio = SMALLEST_RATIO, 0.0
     while t < end:
         if adaptive:
-            status = _stuck(method, t, h, accepted + rejected, spoiled)
+            status = _stuck(method, t, h, accepted + rejected, ratio)
             ending = t + h >= end
             h = end - t if ending else h
         else:
-            status = NON_FINITE if spoiled else OK
+            status = OK if ratio < math.inf else NON_FINITE
             ending = accepted + 1 == given_count
             h = given[accepted]
         if status != OK:
@@ -103,8 +105,7 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
         if accepted == steps.capacity:
             return FULL, accepted, rejected, reached
         ratio = _attempt(net, method, steps, h, accepted)
-        spoiled = not ratio < math.inf
-        if ratio <= 1.0 or not (adaptive or spoiled):
+        if ratio <= 1.0 or (not adaptive and ratio < math.inf):
             after = end if ending else t + h
             reached = _interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
             doubles(steps.size, 0)[accepted] = h
@@ -119,7 +120,7 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     return OK, accepted, rejected, reached
 
 
-@njit
+@njit_inner
 def _start(n, steps, start, count, states):
     """Copy the initial state to where the first step and the first output read it; NaN for all other outputs."""
     copy(n, start, doubles(steps.x, 0))
@@ -129,18 +130,18 @@ def _start(n, steps, start, count, states):
     integers(steps.output_step, 0)[0] = -1
 
 
-@njit
-def _stuck(method, t, h, attempts, spoiled):
+@njit_inner
+def _stuck(method, t, h, attempts, ratio):
     """Why an adaptive solve cannot go on from time `t` with a step of `h`, `OK` if it can."""
     if attempts >= method.max_steps:
         return MAX_STEPS
     # negated, so that a step of NaN counts as well
     if not h >= SMALLEST_STEP * max(abs(t), 1e-300) or t + h == t:
-        return NON_FINITE if spoiled else UNDERFLOW
+        return UNDERFLOW if ratio < math.inf else NON_FINITE
     return OK
 
 
-@njit
+@njit_inner
 def _attempt(net, method, steps, h, step):
     """One trial step of size `h`: fills stages 1 ... s-1, their records, and `steps.trial`.
 
@@ -164,7 +165,7 @@ def _attempt(net, method, steps, h, step):
     return math.sqrt(total / n)
 
 
-@njit
+@njit_inner
 def _interpolate(n, method, steps, t, after, h, step, output, count, times, states):
     """Fill `states` at all output times from number `output` on that lie in the step from `t` to `after`.
 
@@ -183,7 +184,7 @@ def _interpolate(n, method, steps, t, after, h, step, output, count, times, stat
     return output
 
 
-@njit
+@njit_inner
 def _norm(n, vector, x, method):
     total = 0.0
     for i in range(n):
@@ -192,7 +193,7 @@ def _norm(n, vector, x, method):
     return math.sqrt(total / n)
 
 
-@njit
+@njit_inner
 def _initial_step(net, method, steps):
     """First step size (E. Hairer, S. P. Norsett, G. Wanner, Solving ODEs I, 2nd ed., Sec. II.4).
 

@@ -22,7 +22,7 @@ from eigenode_cli.engines.compiled.mlp import (
     layer,
     multiply_transposed,
 )
-from eigenode_cli.jit import njit, njit_sums
+from eigenode_cli.jit import njit_inner, njit_sums
 
 
 def scratch_size(net: Net) -> int:
@@ -30,7 +30,7 @@ def scratch_size(net: Net) -> int:
     return 2 * (net.n + 1) * net.widest
 
 
-@njit
+@njit_inner
 def jacobian(net, record, tangents, a):
     """Fill `a (n, n)` with `df/dx` at a recorded state, and `tangents (net.tangents,)` for the pullback."""
     n, m = net.n, net.m
@@ -48,13 +48,13 @@ def jacobian(net, record, tangents, a):
             row[k] = scale_out[o] * entry
 
 
-@njit
+@njit_inner
 def _t(net, level, k, tangents):
     """`T_l` in direction k."""
     return shift(tangents, layer(net, level)[TANGENT] + k * layer(net, level)[STRIDE])
 
 
-@njit
+@njit_inner
 def _v(net, level, k, tangents):
     """`V_l` in direction k."""
     return _t(net, level, net.n + k, tangents)
@@ -79,7 +79,7 @@ def push_tangents(net, record, tangents):
                 v[j] = slope[j] * t[j]
 
 
-@njit
+@njit_inner
 def pull_back_jacobian(net, record, tangents, bar_a, bar_x, packed, scratch):
     """Add the pullback of a cotangent of the Jacobian to those of the state and of the parameters.
 
@@ -119,7 +119,7 @@ def pull_back_jacobian(net, record, tangents, bar_a, bar_x, packed, scratch):
             bar_x[i] += scale_in[i] * bar_u[i]
 
 
-@njit
+@njit_inner
 def _pull_back_output_layer(net, tangents, bar_a, packed, channels, scratch):
     """Parameters of the output layer; fills `channels` with the cotangents of `V_D` and zero for the layer's value."""
     n, m, room = net.n, net.m, net.widest
@@ -152,7 +152,7 @@ def _through_activation(net, level, record, tangents, channels):
             bar_v[j] *= slope[j]
 
 
-@njit
+@njit_inner
 def _add_to_column(rows, columns, k, factor, column, product):
     """Add `factor column` to column k of a matrix `(rows, columns)` of the packed gradient."""
     if is_mirrored(rows, columns):

@@ -9,7 +9,7 @@ The user's own terms are evaluated between the two. Nothing is allocated but wha
 import math
 from typing import NamedTuple
 
-from numba import carray
+from numba import carray  # pyright: ignore[reportPrivateImportUsage]  # documented under this name
 
 from eigenode_cli.engines.compiled.algebra import add_scaled, clear
 from eigenode_cli.engines.compiled.integrate import OK, Method, integrate
@@ -18,9 +18,12 @@ from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, i
 from eigenode_cli.engines.compiled.mlp import Net, evaluate_field, mirror_weights, unpack_gradient
 from eigenode_cli.engines.compiled.pullback import Bars, adjoint, combine_rows, forward_sensitivities
 from eigenode_cli.engines.compiled.spectrum import Eigen, pull_back_spectrum, take_spectrum
-from eigenode_cli.jit import njit
+from eigenode_cli.jit import njit, njit_inner
 from eigenode_cli.terms.sol import sol
 from eigenode_cli.terms.spectral import SOL, spectral_terms
+
+ENTRIES = ("loss_jacobian", "forward", "pull_back", "solve")
+"""The functions here that are called from Python, that which calls the others first."""
 
 STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED = range(6)
 """Entries of `Core.outcome`: how the solve ended, steps, outputs that were reached, spectra that the terms are taken
@@ -155,7 +158,7 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     return status
 
 
-@njit
+@njit_inner
 def _stabilising_rows(core, reached, trajectory):
     """How many spectra along a failed trajectory count: `Problem.stabilising_rows`."""
     setup, n = core.setup, core.net.n
@@ -178,7 +181,7 @@ def solve(core, steps, given, times, states):
     )[0]
 
 
-@njit
+@njit_inner
 def _spectrum_at(core, state, row, vectors):
     """Spectrum number `row` at a state `(n,)`, NaN where it was not reached; returns how often the guard fired."""
     work, record = core.work, doubles(core.work.records, row * core.curved.width)
@@ -187,7 +190,7 @@ def _spectrum_at(core, state, row, vectors):
     return take_spectrum(core.eigen, doubles(work.a, 0), row, vectors)
 
 
-@njit
+@njit_inner
 def _evaluate_terms(core, codes, values, states):
     """Values of the named terms; their slopes go to `work.slopes` and `work.solution_slope`."""
     setup, work, n = core.setup, core.work, core.net.n
@@ -258,7 +261,7 @@ def pull_back(core, steps, codes, forward_way, values, gradients):
             unpack_gradient(net, doubles(bars.packed, term * net.size), shift(start_of(gradients), term * net.size))
 
 
-@njit
+@njit_inner
 def _pull_back_spectrum_at(core, t, count):
     """Pull the slopes of all terms in spectrum t of `count` back to the state and to the parameters.
 
@@ -294,7 +297,7 @@ def _pull_back_spectrum_at(core, t, count):
                 add_scaled(n, 1.0, bar_x, doubles(bars.states, (output * bars.terms + term) * n))
 
 
-@njit
+@njit_inner
 def _entry_rows(core, record):
     """Fill `work.rows_x` and `work.rows_theta` with the derivatives of every entry of A that the network makes."""
     net, work = core.curved, core.work
@@ -306,19 +309,15 @@ def _entry_rows(core, record):
         _pull_back_matrix(core, record, doubles(work.units, e * entries), row_x, row_theta)
 
 
-@njit
+@njit_inner
 def _pull_back_matrix(core, record, bar_a, bar_x, gradient):
     tangents, scratch = doubles(core.work.tangents, 0), doubles(core.bars.scratch, 0)
     pull_back_jacobian(core.curved, record, tangents, bar_a, bar_x, gradient, scratch)
 
 
 @njit
-def loss_jacobian(core, steps, given, codes, forward_way, values, gradients, states, spectra):
+def loss_jacobian(core, steps, given, codes, vectors, forward_way, values, gradients, states, spectra):
     """`forward` and `pull_back` in one call."""
-    vectors = False
-    for term in range(codes.size):
-        if codes[term] != SOL:
-            vectors = True
     status = forward(core, steps, given, codes, vectors, values, states, spectra)
     if status >= 0:
         pull_back(core, steps, codes, forward_way, values, gradients)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eigenode_cli.engines.compiled.activations import ACTIVATIONS, activate, activate_twice
 from eigenode_cli.engines.compiled.algebra import add_outer, add_scaled, clear, copy, is_mirrored, multiply
 from eigenode_cli.engines.compiled.memory import address, doubles, integers, shift, whole_lines
-from eigenode_cli.jit import njit
+from eigenode_cli.jit import njit_inner
 
 Floats = NDArray[np.float64]
 
@@ -132,13 +132,13 @@ def build_net(
     )
 
 
-@njit
+@njit_inner
 def layer(net, level):
     """Row of the layer table: a pointer to its columns."""
     return integers(net.layers, level * COLUMNS)
 
 
-@njit
+@njit_inner
 def mirror_weights(net):
     """Fill `net.mirror` from `net.theta`."""
     theta, mirror = doubles(net.theta, 0), doubles(net.mirror, 0)
@@ -149,7 +149,7 @@ def mirror_weights(net):
                 mirror[at + c * outputs + r] = theta[at + r * inputs + c]
 
 
-@njit
+@njit_inner
 def unpack_gradient(net, packed, gradient):
     """Bring a gradient `(P,)` from the order it was gathered in (`algebra.add_outer`) into that of theta."""
     for level in range(net.last + 1):
@@ -164,7 +164,7 @@ def unpack_gradient(net, packed, gradient):
         copy(outputs, shift(packed, bias), shift(gradient, bias))
 
 
-@njit
+@njit_inner
 def evaluate_field(net, x, record, rate):
     """Fill `rate (n,)` with `f(x)` for the state `x (n,)`, and `record (net.width,)` with what its derivatives need."""
     n, m = net.n, net.m
@@ -190,14 +190,14 @@ def evaluate_field(net, x, record, rate):
         rate[i] = x[m + i]
 
 
-@njit
+@njit_inner
 def _affine(net, level, u, z):
     inputs, outputs, at = layer(net, level)[INPUTS], layer(net, level)[OUTPUTS], layer(net, level)[WEIGHT]
     copy(outputs, doubles(net.theta, layer(net, level)[BIAS]), z)
     multiply(outputs, inputs, doubles(net.theta, at), doubles(net.mirror, at), u, z)
 
 
-@njit
+@njit_inner
 def multiply_transposed(net, level, z, u):
     """`u = W_l^T z`."""
     inputs, outputs, at = layer(net, level)[INPUTS], layer(net, level)[OUTPUTS], layer(net, level)[WEIGHT]
@@ -205,7 +205,7 @@ def multiply_transposed(net, level, z, u):
     multiply(inputs, outputs, doubles(net.mirror, at), doubles(net.theta, at), z, u)
 
 
-@njit
+@njit_inner
 def pull_back_outputs(net, record, seed, bar_x, packed, scratch):
     """Add the pullback of a cotangent of the outputs: `bar_x += (dy/dx)^T seed`, `packed += (dy/dtheta)^T seed`.
 

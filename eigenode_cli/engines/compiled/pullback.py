@@ -10,7 +10,7 @@ from typing import NamedTuple
 from eigenode_cli.engines.compiled.algebra import add_scaled, clear, combine, copy
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
 from eigenode_cli.engines.compiled.mlp import pull_back_outputs
-from eigenode_cli.jit import njit
+from eigenode_cli.jit import njit_inner
 
 
 class Bars(NamedTuple):
@@ -45,7 +45,7 @@ class Bars(NamedTuple):
     tangent_k: int
 
 
-@njit
+@njit_inner
 def _output_rows(net, record, bars):
     """Fill `bars.rows_x` and `bars.rows_theta` with the derivatives of every output at a recorded state."""
     clear(net.m * net.n, doubles(bars.rows_x, 0))
@@ -56,7 +56,7 @@ def _output_rows(net, record, bars):
         pull_back_outputs(net, record, seed, row_x, row_theta, doubles(bars.scratch, 0))
 
 
-@njit
+@njit_inner
 def combine_rows(count, size, factors, rows, total):
     """`total += sum_e factors_e rows_e` with `rows (count, size)`; a factor of zero leaves its row unread."""
     for e in range(count):
@@ -64,7 +64,7 @@ def combine_rows(count, size, factors, rows, total):
             add_scaled(size, factors[e], shift(rows, e * size), total)
 
 
-@njit
+@njit_inner
 def _pull_back_field(net, record, bars, bar_rate, bar_x):
     """Pull cotangents of `f(x)` back, those of all terms: fills `bar_x (L n,)`, adds to `bars.packed`.
 
@@ -89,7 +89,7 @@ def _pull_back_field(net, record, bars, bar_rate, bar_x):
             pull_back_outputs(net, record, seed, bar, gradient, doubles(bars.scratch, 0))
 
 
-@njit
+@njit_inner
 def _last_output(count, size, states):
     """Index of the last of `count` outputs whose cotangent `(size,)` is not zero; 0 for none but the initial state."""
     for o in range(count - 1, 0, -1):
@@ -99,7 +99,7 @@ def _last_output(count, size, states):
     return 0
 
 
-@njit
+@njit_inner
 def _gather_outputs(net, method, steps, bars, step, output):
     """Fill `bars.start` and `bars.stage_rates` with the cotangents that the outputs inside one step put there.
 
@@ -119,7 +119,7 @@ def _gather_outputs(net, method, steps, bars, step, output):
     return output
 
 
-@njit
+@njit_inner
 def adjoint(net, method, steps, bars, outputs):
     """Add the pullback of `bars.states` for N = `outputs` to `bars.packed` by the discrete adjoint.
 
@@ -154,7 +154,7 @@ def adjoint(net, method, steps, bars, outputs):
     _pull_back_field(net, doubles(steps.record, 0), bars, carried, end)
 
 
-@njit
+@njit_inner
 def forward_sensitivities(net, method, steps, bars, outputs):
     """Add the pullback of `bars.states` for N = `outputs` to `bars.packed` by forward sensitivities along the steps.
 
@@ -189,7 +189,7 @@ def forward_sensitivities(net, method, steps, bars, outputs):
         copy(length, shift(k, (stages - 1) * length), k)
 
 
-@njit
+@njit_inner
 def _push_field(net, record, bars, stage, rate):
     """Fill `rate (n, P)` with the sensitivity of `f(x)` at a recorded state for the sensitivity `stage (n, P)` of x."""
     n, m, size = net.n, net.m, net.size

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from eigenode_cli.engines.compiled.algebra import all_finite, clear
 from eigenode_cli.engines.compiled.lapack import dgeev
 from eigenode_cli.engines.compiled.memory import complexes, doubles, shift
-from eigenode_cli.jit import njit, njit_sums
+from eigenode_cli.jit import njit_inner, njit_sums
 
 
 class Eigen(NamedTuple):
@@ -50,7 +50,7 @@ class Eigen(NamedTuple):
     routine: int
 
 
-@njit
+@njit_inner
 def take_spectrum(eigen, a, at, vectors):
     """Fill spectrum number `at` with the eigenvalues of `a (n, n)` and, if `vectors`, what its pullback needs.
 
@@ -67,7 +67,7 @@ def take_spectrum(eigen, a, at, vectors):
     return _general(eigen, a, at, vectors, row)
 
 
-@njit
+@njit_inner
 def _two_by_two(eigen, a, at, vectors, row):
     """Closed form: `lambda = m +- sqrt(delta^2 + b c)` with half the trace m and half the difference delta.
 
@@ -78,49 +78,60 @@ def _two_by_two(eigen, a, at, vectors, row):
     discriminant = delta * delta + a[1] * a[2]
     root = complex(math.sqrt(discriminant), 0.0) if discriminant >= 0.0 else complex(0.0, math.sqrt(-discriminant))
     row[0], row[1] = mean + root, mean - root
-    fired = 0
-    if vectors:
-        for i in range(2):
-            shifted = root if i == 0 else -root
-            fired += _rank_one(eigen, shifted + delta, a[1], a[2], shifted - delta, 2.0 * shifted, 2 * at + i, i)
-    return fired
+    if not vectors:
+        return 0
+    fired = _rank_one(eigen, root + delta, a[1], a[2], root - delta, 2.0 * root, 2 * at)
+    return fired + _rank_one(eigen, delta - root, a[1], a[2], -delta - root, -2.0 * root, 2 * at + 1)
 
 
-@njit
-def _rank_one(eigen, p, q, r, s, trace, at, i):
+@njit_inner
+def _rank_one(eigen, p, q, r, s, trace, at):
     """Vectors of the projector `[[p, q], [r, s]] / trace`, whose norm is the eigenvalue's condition.
 
     Fills entry `at` of both eigenvectors; returns 1 if the guard fired.
     """
     left = complexes(eigen.left, 2 * at)
     right_real, right_imag = doubles(eigen.right_real, 2 * at), doubles(eigen.right_imag, 2 * at)
-    norm = math.sqrt(abs(p) ** 2 + q * q + r * r + abs(s) ** 2)
+    norm = math.sqrt(_square(p) + q * q + r * r + _square(s))
     if norm == 0.0:  # a multiple of the identity: any basis of eigenvectors will do
         for c in range(2):
-            left[c] = complex(1.0 if c == i else 0.0, 0.0)
-            right_real[c], right_imag[c] = 1.0 if c == i else 0.0, 0.0
+            own = 1.0 if c == at % 2 else 0.0
+            left[c], right_real[c], right_imag[c] = complex(own, 0.0), own, 0.0
         return 0
-    fired = 0
-    size = abs(trace)
-    if not size * eigen.max_condition >= norm:
-        bound = norm / eigen.max_condition
-        trace = trace * (bound / size) if size > 0.0 else complex(bound, 0.0)
-        fired = 1
+    unit = 1.0 / norm
+    p, q, r, s, trace = p * unit, q * unit, r * unit, s * unit, trace * unit
+    size = math.sqrt(_square(trace))
+    fired = not size * eigen.max_condition >= 1.0
+    if fired:
+        trace = trace * (1.0 / (size * eigen.max_condition)) if size > 0.0 else complex(1.0 / eigen.max_condition, 0.0)
     # the longer column is v, the row of its larger element divided by that element is w^H
-    if abs(p) ** 2 + r * r >= abs(s) ** 2 + q * q:
+    if _square(p) + r * r >= _square(s) + q * q:
         top, bottom = p, complex(r, 0.0)
     else:
         top, bottom = complex(q, 0.0), s
-    if abs(top) >= abs(bottom):
-        left[0], left[1] = p / (top * trace), q / (top * trace)
+    if _square(top) >= _square(bottom):
+        factor = _reciprocal(top * trace)
+        left[0], left[1] = p * factor, q * factor
     else:
-        left[0], left[1] = r / (bottom * trace), s / (bottom * trace)
+        factor = _reciprocal(bottom * trace)
+        left[0], left[1] = r * factor, s * factor
     right_real[0], right_imag[0] = top.real, top.imag
     right_real[1], right_imag[1] = bottom.real, bottom.imag
-    return fired
+    return int(fired)
 
 
-@njit
+@njit_inner
+def _square(z):
+    return z.real * z.real + z.imag * z.imag
+
+
+@njit_inner
+def _reciprocal(z):
+    """`1 / z` of a number whose square neither overflows nor underflows."""
+    return z.conjugate() / _square(z)
+
+
+@njit_inner
 def _general(eigen, a, at, vectors, row):
     """LAPACK reads the rows of `a` as columns, so it sees the transpose, whose right eigenvectors are conj(w).
 
@@ -143,7 +154,7 @@ def _general(eigen, a, at, vectors, row):
     return fired
 
 
-@njit
+@njit_inner
 def _unpack_vectors(eigen, at, i):
     """Vectors of eigenvalue i of matrix `at`, the left one over the guarded `w^H v`; returns 1 if the guard fired."""
     n, start = eigen.n, (at * eigen.n + i) * eigen.n
@@ -168,7 +179,7 @@ def _unpack_vectors(eigen, at, i):
     return int(fired)
 
 
-@njit
+@njit_inner
 def pull_back_spectrum(eigen, at, m, slope, bar_a):
     """Fill `bar_a (m, n)`, cotangent of the last m rows of matrix `at`, with `sum_i Re(conj(slope_i) d lambda_i/dA)`.
 

@@ -123,9 +123,7 @@ def rollout(shape: MlpShape, theta: Tensor, tableau: Tableau, steps: Floats, sta
 def terms(problem: Problem, trajectory: Tensor, spectra: Tensor) -> Tensor:
     """All six terms of a trajectory `(N, n)` with spectra `(T, n)`."""
     sol = solution_term(trajectory, problem.data, int(problem.errors[0]), problem.huber_delta)
-    spectral = spectral_values(
-        spectra, NAMES[1:], problem.targets, problem.margin, problem.errors, problem.huber_delta
-    )
+    spectral = spectral_values(spectra, NAMES[1:], problem.targets, problem.margin, problem.errors, problem.huber_delta)
     return torch.cat([sol[None], spectral])
 
 

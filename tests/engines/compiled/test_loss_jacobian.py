@@ -8,6 +8,7 @@ from eigenode_cli.solve.tableau import DOPRI5, RK4, TSIT5
 from eigenode_cli.terms import NAMES
 from tests.engines.compiled import oracle
 
+# no layer is narrower than the state is wide, or eigenvalues of zero at the mercy of rounding would be compared
 SHAPES = [
     pytest.param(n, hidden, structure, id=f"{n}-{hidden}-{structure}")
     for n, hidden, structure in [
@@ -15,11 +16,11 @@ SHAPES = [
         (2, (), "second_order"),
         (2, (7,), "full"),
         (1, (4,), "full"),
-        (3, (9, 2), "full"),
+        (3, (9, 4), "full"),
         (4, (9,), "second_order"),
-        (4, (3, 11), "second_order"),
+        (4, (6, 11), "second_order"),
         (4, (), "full"),
-        (10, (5, 20, 6), "full"),
+        (10, (15, 20, 11), "full"),
         (10, (12,), "second_order"),
     ]
 ]
@@ -33,8 +34,8 @@ def test_values_and_gradients_are_those_of_autograd(n, hidden, structure, sensit
     engine = CompiledEngine(shape, problem, sensitivity=sensitivity)
     found = engine.loss_jacobian(theta)
     values, gradients = oracle.loss_jacobian(shape, problem, theta, TSIT5, engine.steps)
-    assert found.n_accepted == engine.steps.size > 2
-    np.testing.assert_allclose(found.values, values, rtol=1e-10, atol=1e-13)
+    assert found.n_accepted == engine.steps.size >= 2
+    np.testing.assert_allclose(found.values, values, rtol=1e-9, atol=1e-13)
     assert np.abs(found.values).min() < np.abs(found.values).max()
     assert oracle.relative(found.gradients, gradients) < 1e-9
 
@@ -85,15 +86,20 @@ def test_terms_alone_are_rows_of_all(terms, n):
 @pytest.mark.parametrize("n", [2, 10])
 @pytest.mark.parametrize("sensitivity", ["adjoint", "forward"])
 def test_central_differences_at_frozen_steps(n, sensitivity):
-    shape = oracle.make_shape(n, (6,), structure="full")
+    shape = oracle.make_shape(n, (12,), structure="full")
     problem, theta = oracle.make_problem(n), oracle.make_theta(shape)
     engine = CompiledEngine(shape, problem, sensitivity=sensitivity)
     gradients, steps = engine.loss_jacobian(theta).gradients, engine.steps
     for seed in range(4):
         direction = np.random.default_rng(seed).normal(size=theta.size)
-        h = 1e-5
-        forth, back = (engine.loss_jacobian(theta + s * h * direction, steps).values for s in (1, -1))
-        np.testing.assert_allclose((forth - back) / (2 * h), gradients @ direction, rtol=2e-6, atol=1e-7)
+        h = 2e-5
+        near, far = (
+            engine.loss_jacobian(theta + k * h * direction, steps).values
+            - engine.loss_jacobian(theta - k * h * direction, steps).values
+            for k in (1, 2)
+        )
+        # of fourth order
+        np.testing.assert_allclose((8 * near - far) / (12 * h), gradients @ direction, rtol=2e-7, atol=1e-8)
 
 
 @pytest.mark.parametrize("every", [2, 4, 20])

@@ -1,0 +1,145 @@
+"""Spectra and their pullback, each eigenvalue by itself, at good and at bad matrices."""
+
+import numba
+import numpy as np
+import pytest
+
+from eigenode_cli.engines.compiled.buffers import Owner, build_eigen
+from eigenode_cli.engines.compiled.memory import complexes, start_of
+from eigenode_cli.engines.compiled.spectrum import pull_back_spectrum, take_spectrum
+
+
+@numba.njit
+def take(eigen, a, vectors, spectrum):
+    fired = take_spectrum(eigen, start_of(a), 0, vectors)
+    for i in range(eigen.n):
+        spectrum[i] = complexes(eigen.spectra, 0)[i]
+    return fired
+
+
+@numba.njit
+def pull_back(eigen, slope, bar_a):
+    return pull_back_spectrum(eigen, 0, bar_a.shape[0], start_of(slope), start_of(bar_a))
+
+
+def spectrum_of(a, max_condition=1e12):
+    """Eigenvalues `(n,)`, firings of the guard, and `d lambda / dA (n, n, n)`."""
+    n, owner = len(a), Owner()
+    eigen = build_eigen(owner, n, 1, max_condition)
+    spectrum = np.empty(n, dtype=np.complex128)
+    fired = take(eigen, np.ascontiguousarray(a, dtype=np.float64), True, spectrum)
+    slopes = np.empty((n, n, n), dtype=np.complex128)
+    part = np.empty((n, n))
+    for i in range(n):
+        for unit in (1.0, 1j):
+            slope = np.zeros(n, dtype=np.complex128)
+            slope[i] = unit
+            assert pull_back(eigen, slope, part)
+            if unit == 1.0:
+                slopes[i] = part
+            else:
+                slopes[i] += 1j * part
+    assert not pull_back(eigen, np.zeros(n, dtype=np.complex128), part)
+    assert not part.any()
+    return spectrum, fired, slopes
+
+
+def matched(spectrum, wanted):
+    """`wanted` in the order of `spectrum`."""
+    left = list(wanted)
+    return np.array([left.pop(int(np.argmin(np.abs(np.array(left) - value)))) for value in spectrum])
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 7])
+@pytest.mark.parametrize("seed", range(6))
+def test_eigenvalues_and_each_derivative(n, seed):
+    a = np.random.default_rng(seed).normal(size=(n, n)) * 3.0
+    spectrum, fired, slopes = spectrum_of(a)
+    assert fired == 0
+    np.testing.assert_allclose(spectrum, matched(spectrum, np.linalg.eigvals(a)), rtol=1e-11, atol=1e-12)
+    h = 1e-5
+    for r in range(n):
+        for c in range(n):
+            step = np.zeros((n, n))
+            step[r, c] = h
+            forth, back = (matched(spectrum, np.linalg.eigvals(a + s * step)) for s in (1, -1))
+            np.testing.assert_allclose(slopes[:, r, c], (forth - back) / (2 * h), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_members_of_a_pair_are_exact_conjugates(n):
+    spectrum, _, slopes = spectrum_of(np.random.default_rng(n).normal(size=(n, n)) + 3.0 * np.eye(n)[::-1])
+    for i in np.flatnonzero(spectrum.imag > 0.0):
+        j = int(np.argmin(np.abs(spectrum - spectrum[i].conj())))
+        assert spectrum[j] == spectrum[i].conj()
+        np.testing.assert_allclose(slopes[j], slopes[i].conj(), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "a",
+    [
+        np.zeros((2, 2)),
+        np.eye(2),
+        -3.0 * np.eye(3),
+        np.array([[2.0, 0.0], [0.0, -1.0]]),
+        np.diag([1.0, 2.0, 3.0]),
+    ],
+    ids=["zero", "identity", "multiple of the identity", "diagonal", "diagonal of 3"],
+)
+def test_symmetric_matrices_never_fire_the_guard(a):
+    spectrum, fired, slopes = spectrum_of(a, max_condition=2.0)
+    assert fired == 0
+    np.testing.assert_allclose(np.sort(spectrum.real), np.sort(np.diag(a)))
+    np.testing.assert_allclose(slopes.sum(axis=0), np.eye(len(a)), atol=1e-14)  # derivative of the trace
+    np.testing.assert_allclose(np.linalg.norm(slopes, axis=(1, 2)), 1.0)
+
+
+@pytest.mark.parametrize(
+    "a",
+    [
+        np.array([[0.0, 1.0], [0.0, 0.0]]),
+        np.array([[0.0, 0.0], [5.0, 0.0]]),
+        np.array([[-1.0, 1.0], [-1.0, 1.0]]),
+        np.array([[1.0, 1e-150], [0.0, 1.0]]),
+        np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]]),
+    ],
+    ids=["jordan", "lower jordan", "nilpotent", "tiny", "jordan of 3"],
+)
+def test_guard_bounds_defective_matrices(a):
+    _, fired, slopes = spectrum_of(a, max_condition=100.0)
+    assert fired == len(a)
+    assert np.isfinite(slopes).all()
+    np.testing.assert_allclose(np.linalg.norm(slopes, axis=(1, 2)), 100.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("distance", [1e-4, -1e-4])
+def test_guard_keeps_the_phase(distance):
+    """Beyond the border the sensitivity points where the true one does, with the length of the border."""
+    a = np.array([[0.0, 1.0], [distance, 0.0]])  # condition 50
+    _, none, true = spectrum_of(a, max_condition=51.0)
+    _, fired, guarded = spectrum_of(a, max_condition=10.0)
+    assert (none, fired) == (0, 2)
+    length = np.linalg.norm(true, axis=(1, 2))
+    np.testing.assert_allclose(length, 50.0, rtol=1e-3)
+    np.testing.assert_allclose(guarded, true * (10.0 / length)[:, None, None], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [2, 3])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_matrices_that_are_not_finite(n, bad):
+    owner = Owner()
+    eigen = build_eigen(owner, n, 1, 1e8)
+    a, spectrum = np.eye(n), np.empty(n, dtype=np.complex128)
+    a[0, 1] = bad
+    assert take(eigen, a, True, spectrum) == 0
+    assert np.isnan(spectrum).all()
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+@pytest.mark.parametrize("exponent", [-140, 140])
+def test_very_large_and_very_small_matrices(n, exponent):
+    a = np.random.default_rng(n).normal(size=(n, n))
+    plain, _, slopes = spectrum_of(a)
+    scaled, _, slopes_scaled = spectrum_of(a * 10.0**exponent)
+    np.testing.assert_allclose(scaled / 10.0**exponent, plain, rtol=1e-10)
+    np.testing.assert_allclose(slopes_scaled, slopes, rtol=1e-9, atol=1e-12)
