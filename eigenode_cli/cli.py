@@ -20,6 +20,8 @@ from eigenode_cli.paths import importable
 
 USER_ERROR = 2
 INTERRUPTED = 130
+BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Set to 1 before NumPy is imported, unless the user has set them: many small matrices, several runs side by side."""
 
 Adder = Callable[[argparse.ArgumentParser], None]
 
@@ -80,10 +82,34 @@ def _report(args: argparse.Namespace) -> int:
     return report(args)
 
 
+def _reproduce_arguments(parser: argparse.ArgumentParser) -> None:
+    from eigenode_cli.commands.reproduce import add_arguments  # noqa: PLC0415
+
+    add_arguments(parser)
+
+
+def _reproduce(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.reproduce import reproduce  # noqa: PLC0415
+
+    return reproduce(args)
+
+
 def _list(args: argparse.Namespace) -> int:
     from eigenode_cli.commands.configs import list_choices  # noqa: PLC0415
 
     return list_choices(args)
+
+
+def _bench_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="NAME", nargs="?", help="one case, all by default: oscillator-sol, growth, ...")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    parser.add_argument("--output", metavar="FOLDER", help="write bench.json and figures there")
+
+
+def _bench(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.bench import bench  # noqa: PLC0415
+
+    return bench(args)
 
 
 def _validate(args: argparse.Namespace) -> int:
@@ -94,9 +120,11 @@ def _validate(args: argparse.Namespace) -> int:
 
 COMMANDS: tuple[Command, ...] = (
     Command("train", "one training run, or a sweep of them with -m", _train_arguments, _train),
+    Command("reproduce", "the paper: its runs, figures and claims, checked", _reproduce_arguments, _reproduce),
     Command("resume", "go on with a run where it stopped", _resume_arguments, _resume),
     Command("plot", "draw a run's figures again, from its files", _run_argument, _plot),
     Command("report", "write a run's page again, from its files", _run_argument, _report),
+    Command("bench", "timings against peers, as ratios", _bench_arguments, _bench),
     Command("list", "what can be chosen, with one line each", _list_arguments, _list),
     Command("validate", "compose and check every shipped config", _config_dir_argument, _validate),
 )
@@ -122,6 +150,8 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name), that of the process by default."""
     words = list(sys.argv[1:] if argv is None else argv)
+    for variable in BLAS_THREADS:
+        os.environ.setdefault(variable, "1")
     try:
         with _terminable(), importable("."):
             return _dispatch(words)

@@ -4,6 +4,7 @@ They are a few lines each and are held against torch.optim by the tests; torch's
 engine's loss Jacobian (about 30 us an update at 129 parameters, five updates a step).
 """
 
+import math
 from typing import Protocol
 
 import numpy as np
@@ -31,10 +32,19 @@ def _momentum(theta, gradient, velocity, lr, momentum):
         theta[i] -= lr * velocity[i]
 
 
+def learning_rate(config: OptimizerConfig, step: int) -> float:
+    """Learning rate of training step k: `lr + lr_extra exp(-lr_rate k)`, set anew every `lr_every` steps."""
+    return config.lr + config.lr_extra * math.exp(-config.lr_rate * (step - step % config.lr_every))
+
+
 class Optimizer(Protocol):
     """Turns one update after another into new parameters."""
 
     lr: float
+
+    def begin(self, step: int) -> None:
+        """Set the learning rate of training step `step`; a step may take several updates."""
+        ...
 
     def update(self, theta: Floats, gradient: Floats) -> None:
         """Change `theta (P,)` in place by one step against `gradient (P,)`."""
@@ -49,10 +59,15 @@ class Adam:
     """D. P. Kingma, J. Ba, Adam: a method for stochastic optimization, ICLR 2015, Algorithm 1."""
 
     def __init__(self, config: AdamConfig, parameters: int) -> None:
-        self.lr = config.lr
+        self._config = config
+        self.lr = learning_rate(config, 0)
         self._options = (config.beta1, config.beta2, config.eps)
         self._first, self._second = np.zeros(parameters), np.zeros(parameters)
         self._count = np.zeros(1)
+
+    def begin(self, step: int) -> None:
+        """See `Optimizer.begin`."""
+        self.lr = learning_rate(self._config, step)
 
     def update(self, theta: Floats, gradient: Floats) -> None:
         """See `Optimizer.update`."""
@@ -68,9 +83,14 @@ class Sgd:
     """Gradient descent with heavy-ball momentum, in the form of torch.optim.SGD."""
 
     def __init__(self, config: SgdConfig, parameters: int) -> None:
-        self.lr = config.lr
+        self._config = config
+        self.lr = learning_rate(config, 0)
         self._momentum = config.momentum
         self._velocity = np.zeros(parameters)
+
+    def begin(self, step: int) -> None:
+        """See `Optimizer.begin`."""
+        self.lr = learning_rate(self._config, step)
 
     def update(self, theta: Floats, gradient: Floats) -> None:
         """See `Optimizer.update`."""

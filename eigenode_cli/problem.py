@@ -1,6 +1,6 @@
 """Everything about a training that both engines read, besides the vector field: plain arrays and numbers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,14 @@ class Problem:
     def initial_state(self) -> Floats:
         """State at the first data time `(n,)`."""
         return self.data.states[0]
+
+    def until(self, fraction: float) -> "Problem":
+        """The same problem over the leading `fraction` of the horizon, at least three data times of it."""
+        times = self.data.times
+        end = times[0] + fraction * (times[-1] - times[0])
+        count = max(3, int(np.searchsorted(times, end * (1.0 + 1e-12), side="right")))
+        data = Data(times[:count], self.data.states[:count], self.data.mask[:count])
+        return replace(self, data=data, targets=self.targets.rows(np.arange(-(-count // self.every))))
 
     def stabilising_rows(self, reached: Floats) -> NDArray[np.int64]:
         """Which spectra a failed solve that reached these states `(R, n)` still contributes, as rows of `targets`.

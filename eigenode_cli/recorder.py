@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -14,6 +14,7 @@ from safetensors.torch import save_file
 
 from eigenode_cli.data import Data, Floats
 from eigenode_cli.engines.base import Evaluation
+from eigenode_cli.files import cell, write_atomically, write_json, write_table, write_text
 from eigenode_cli.terms import NAMES
 
 COLUMNS = ("step", "train_seconds", "lr", *NAMES, "max_real", "n_accepted", "n_rejected", "status", "dense_error")
@@ -32,44 +33,6 @@ class Progress:
     """First step of the failures that go on now, None while solves succeed."""
     guard_count: int = 0
     """Eigenvalue sensitivities that the condition guard has bounded so far."""
-
-
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Let `write` fill a file beside `path`, then put it in the place of `path` in one move."""
-    draft = path.with_name(path.name + ".draft")
-    write(draft)
-    draft.replace(path)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write `text`, atomically."""
-
-    def write(draft: Path) -> None:
-        draft.write_text(text)
-
-    write_atomically(path, write)
-
-
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write `content` as JSON, atomically; NaN and infinity become null."""
-    write_text(path, json.dumps(_plain(content), indent=2, allow_nan=False) + "\n")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
-
-
-def cell(value: float | int | str) -> str:
-    """A number as it stands in a CSV file: all digits, empty where it is not defined."""
-    if isinstance(value, float):
-        return repr(float(value)) if np.isfinite(value) else ""
-    return str(value)
 
 
 class Recorder:
@@ -167,18 +130,6 @@ def load_last(folder: Path) -> tuple[Progress, Floats, dict[str, Floats]] | None
     torch.set_rng_state(tensors.pop("random_state"))
     theta = tensors.pop("theta").numpy().copy()
     return progress, theta, {name.removeprefix("optimizer."): t.numpy().copy() for name, t in tensors.items()}
-
-
-def write_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[float | int | str]]) -> None:
-    """Write a CSV file with all digits, atomically."""
-
-    def write(draft: Path) -> None:
-        with draft.open("w", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(header)
-            writer.writerows([cell(value) for value in row] for row in rows)
-
-    write_atomically(path, write)
 
 
 def write_data(folder: Path, states: Sequence[str], data: Data) -> None:

@@ -52,6 +52,8 @@ class Setup:
     problem: Problem
     field: VectorField
     engine: Engine
+    stages: tuple[Engine, ...]
+    """Engines over the growing horizon; the last one is `engine`."""
     names: tuple[str, ...]
     """All terms that are recorded: the six and the user's own."""
 
@@ -88,7 +90,13 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     field = build_field(config.network, data.states, system.dynamics(data.states), config.seed)
     user_terms = load_user_terms(config.terms)
     engine = build_engine(config, field, problem, user_terms, announce)
-    return Setup(config, system, data, problem, field, engine, (*NAMES, *sorted(user_terms)))
+    growing = [
+        build_engine(config, field, problem.until(fraction), user_terms, _unheard)
+        for fraction in config.trainer.horizons[:-1]
+    ]
+    return Setup(
+        config, system, data, problem, field, engine, (*growing, engine), (*NAMES, *sorted(user_terms))
+    )
 
 
 def build_targets(config: TrainConfig, system: System, data: Data) -> Targets:
@@ -111,7 +119,22 @@ def combination(config: CombineConfig) -> Callable[[Floats], Floats]:
     return COMBINATIONS[config.name]
 
 
-def train(config: TrainConfig, folder: Path, overrides: Sequence[str], quiet: bool = False) -> int:
+def gradient_scales(config: TrainConfig, terms: Sequence[str]) -> Floats:
+    """Factor of each named term's gradient `(L,)`.
+
+    Under `eigen.eigenvalue_count=times` the terms that average over eigenvalues count N/2 of them (N data times)
+    instead of n. That is a constant factor, so it is applied here and the recorded losses stay what they are.
+    """
+    scales = np.array([config.scale.get(term, 1.0) for term in terms])
+    if config.eigen.eigenvalue_count == "times":
+        counted = np.array([term in ("frq", "dmp", "stb", "osc") for term in terms])
+        scales[counted] *= len(config.system.initial_state) / (config.system.points / 2.0)
+    return scales
+
+
+def train(
+    config: TrainConfig, folder: Path, overrides: Sequence[str], quiet: bool = False, watch: Display | None = None
+) -> int:
     """Run one training in `folder`; returns the exit status (0 done, 1 failed, 130 interrupted).
 
     Args:
@@ -119,19 +142,24 @@ def train(config: TrainConfig, folder: Path, overrides: Sequence[str], quiet: bo
         folder: exists, and holds no other run.
         overrides: what the user changed; with them run.json names the command that repeats this run.
         quiet: print nothing, for one run among many; everything that happened stands in the folder.
+        watch: is shown every record of a quiet run.
     """
     record = _identity(config)
     record["command"] = shlex.join(["eigenode", "train", *overrides])
-    return _attended(config, folder, record, resumed=False, quiet=quiet)
+    return _attended(config, folder, record, resumed=False, quiet=quiet, watch=watch)
 
 
-def resume(config: TrainConfig, folder: Path, previous: dict[str, Any], quiet: bool = False) -> int:
+def resume(
+    config: TrainConfig, folder: Path, previous: dict[str, Any], quiet: bool = False, watch: Display | None = None
+) -> int:
     """Go on with the run in `folder` from what it saved last; `previous` is its run.json."""
     kept = {key: previous[key] for key in ("command", "started", "wall_seconds")}
-    return _attended(config, folder, _identity(config) | kept, resumed=True, quiet=quiet)
+    return _attended(config, folder, _identity(config) | kept, resumed=True, quiet=quiet, watch=watch)
 
 
-def _attended(config: TrainConfig, folder: Path, record: dict[str, Any], resumed: bool, quiet: bool) -> int:
+def _attended(
+    config: TrainConfig, folder: Path, record: dict[str, Any], resumed: bool, quiet: bool, watch: Display | None
+) -> int:
     """Run a training so that run.json, filled from `record` on, tells how it ended, whatever happens."""
     clock, earlier = perf_counter(), record["wall_seconds"]
     write_json(folder / "run.json", record)
@@ -140,7 +168,7 @@ def _attended(config: TrainConfig, folder: Path, record: dict[str, Any], resumed
         setup = build(config, _unheard if quiet else print)
         record |= _description(setup)
         write_json(folder / "run.json", record)
-        _train(setup, folder, record, resumed, quiet)
+        _train(setup, folder, record, resumed, (watch or QuietDisplay()) if quiet else None)
         record["status"] = "finished"
     except KeyboardInterrupt:
         record |= {"status": "interrupted", "error": "interrupted by the user"}
@@ -163,8 +191,11 @@ def _unheard(_message: str) -> None:
     """Say nothing."""
 
 
-def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, quiet: bool) -> None:
-    """Train from the start, or from what was saved last, and write the outcome; fills `record` as it gets there."""
+def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, shown: Display | None) -> None:
+    """Train from the start, or from what was saved last, and write the outcome; fills `record` as it gets there.
+
+    `shown` shows the progress, by default what fits standard output.
+    """
     config, horizon = setup.config, setup.config.system.horizon
     saved = load_last(folder) if resumed else None
     theta = flat_parameters(setup.field)
@@ -181,14 +212,15 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, qu
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
     recorder.open(progress.step if saved is not None else None)
     try:
-        shown: Display = QuietDisplay() if quiet else display(label, progress.step, config.trainer.steps)
+        shown = shown or display(label, progress.step, config.trainer.steps)
         with shown:
             trainer = Trainer(
                 engine=setup.engine,
+                stages=setup.stages,
                 optimizer=optimizer,
                 combination=combination(config.combine),
                 terms=setup.problem.terms,
-                scales=np.array([config.scale.get(term, 1.0) for term in setup.problem.terms]),
+                scales=gradient_scales(config, setup.problem.terms),
                 config=config.trainer,
                 recorder=recorder,
                 display=shown,
@@ -203,7 +235,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, qu
         record |= {
             "steps": progress.step,
             "train_seconds": progress.train_seconds,
-            "compile_seconds": setup.engine.compile_seconds,
+            "compile_seconds": sum(engine.compile_seconds for engine in setup.stages),
             "unsolvable_steps": progress.unsolvable_steps,
             "guard_count": progress.guard_count,
         }

@@ -1,6 +1,6 @@
 """The training loop: loss Jacobian, combination, optimizer, record. It knows nothing of engines, systems or files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -29,7 +29,8 @@ class Trainer:
     """One training.
 
     Attributes:
-        engine: computes the loss Jacobian.
+        engine: evaluates the terms over the whole horizon for the record.
+        stages: compute the loss Jacobian, one after another for an equal share of the steps; the last is `engine`.
         optimizer: takes the updates.
         combination: scaled gradients `(L, P)` to updates `(K, P)`.
         terms: the named terms `(L,)`.
@@ -44,6 +45,7 @@ class Trainer:
     """
 
     engine: Engine
+    stages: Sequence[Engine]
     optimizer: Optimizer
     combination: Callable[[Floats], Floats]
     terms: tuple[str, ...]
@@ -67,6 +69,7 @@ class Trainer:
         try:
             while True:
                 step, final = self.progress.step, self.progress.step == self.config.steps
+                self.optimizer.begin(step)
                 if final or step % self.config.record_every == 0:
                     last = self._record()
                 if final or step % self.config.checkpoint_every == 0:
@@ -82,8 +85,9 @@ class Trainer:
             raise
 
     def _step(self) -> None:
-        start = perf_counter() - self.engine.compile_seconds
-        jacobian = self.engine.loss_jacobian(self.theta)
+        engine = self.stages[self.progress.step * len(self.stages) // self.config.steps]
+        start = perf_counter() - engine.compile_seconds
+        jacobian = engine.loss_jacobian(self.theta)
         self._note_status(jacobian)
         gradients = acting(jacobian.gradients, self.scales)
         if gradients.size > 0:
@@ -91,7 +95,7 @@ class Trainer:
                 self.optimizer.update(self.theta, update)
         self.progress.step += 1
         self.progress.guard_count += jacobian.guard_count
-        self.progress.train_seconds += perf_counter() - self.engine.compile_seconds - start
+        self.progress.train_seconds += perf_counter() - engine.compile_seconds - start
 
     def _note_status(self, jacobian: LossJacobian) -> None:
         """Count failed solves, and say when they begin and when the field is solvable again."""

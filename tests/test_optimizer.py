@@ -1,18 +1,24 @@
 """Our optimizers against torch.optim on the same sequence of gradients."""
 
+import math
+
 import numpy as np
 import pytest
 import torch
 
 from eigenode_cli.config.schema import AdamConfig, SgdConfig
-from eigenode_cli.optimizer import build_optimizer
+from eigenode_cli.optimizer import build_optimizer, learning_rate
 
+CONSTANT = {"lr_extra": 0.0, "lr_rate": 0.0, "lr_every": 1}
 CASES = [
     (
-        AdamConfig(name="adam", lr=3e-3, beta1=0.8, beta2=0.99, eps=1e-8),
+        AdamConfig(name="adam", lr=3e-3, beta1=0.8, beta2=0.99, eps=1e-8, **CONSTANT),
         lambda p: torch.optim.Adam([p], lr=3e-3, betas=(0.8, 0.99), eps=1e-8),
     ),
-    (SgdConfig(name="sgd", lr=1e-2, momentum=0.9), lambda p: torch.optim.SGD([p], lr=1e-2, momentum=0.9)),
+    (
+        SgdConfig(name="sgd", lr=1e-2, momentum=0.9, **CONSTANT),
+        lambda p: torch.optim.SGD([p], lr=1e-2, momentum=0.9),
+    ),
 ]
 
 
@@ -41,3 +47,30 @@ def test_state_is_all_that_the_next_update_depends_on(config) -> None:
     first.update(theta, np.ones(3))
     second.update(copy, np.ones(3))
     assert theta.tobytes() == copy.tobytes()
+
+
+def test_learning_rate_decays_in_stairs_to_its_end() -> None:
+    config = SgdConfig(name="sgd", lr=1e-3, lr_extra=9e-3, lr_rate=2e-3, lr_every=10, momentum=0.0)
+    rates = [learning_rate(config, k) for k in range(5001)]
+    assert rates[:10] == pytest.approx([1e-2] * 10)
+    assert rates[4990] == rates[4999] == 1e-3 + 9e-3 * math.exp(-9.98)
+    assert np.all(np.diff(rates)[9::10] < 0.0)
+    assert len(set(rates)) == 501
+
+
+@pytest.mark.parametrize("config", [case[0] for case in CASES], ids=["adam", "sgd"])
+def test_a_constant_rate_is_exactly_that(config) -> None:
+    assert {learning_rate(config, k) for k in (0, 1, 5000)} == {config.lr}
+
+
+@pytest.mark.parametrize("config", [case[0] for case in CASES], ids=["adam", "sgd"])
+def test_updates_take_the_rate_of_their_step(config) -> None:
+    config = type(config)(**{**vars(config), "lr_extra": 1.0, "lr_rate": 0.5})
+    optimizer, constant = build_optimizer(config, 2), build_optimizer(config, 2)
+    optimizer.begin(3)
+    constant.lr = config.lr + math.exp(-1.5)
+    first, second = np.ones(2), np.ones(2)
+    for _ in range(2):
+        optimizer.update(first, np.array([1.0, -3.0]))
+        constant.update(second, np.array([1.0, -3.0]))
+    assert first.tobytes() == second.tobytes()

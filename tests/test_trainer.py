@@ -83,7 +83,8 @@ def make_trainer(folder: Path, engine: Bowl, start: float, **changes: object) ->
     recorder.open(None)
     return Trainer(
         engine=engine,
-        optimizer=build_optimizer(SgdConfig(name="sgd", lr=0.1, momentum=0.0), 1),
+        stages=[engine],
+        optimizer=build_optimizer(SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1),
         combination=COMBINATIONS["sequential"],
         terms=("sol", "stb"),
         scales=np.array([1.0, 2.0]),
@@ -116,6 +117,15 @@ def test_records_and_checkpoints_fall_on_their_steps_and_on_the_last(make: Make,
         "step-000010.safetensors",
     ]
     assert last["step"] == 10
+
+
+def test_growing_horizon_trains_each_stage_for_an_equal_share(make: Make, tmp_path: Path) -> None:
+    stages = [Bowl(), Bowl()]
+    trainer = make(tmp_path, Bowl(), 1.0)
+    trainer.stages = stages
+    trainer.run()
+    assert [len(stage.seen) for stage in stages] == [5, 5]
+    assert len(trainer.engine.seen) == 4  # the records look at the whole horizon
 
 
 def test_a_failed_solve_heals_and_says_so(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -116,7 +116,13 @@ class OptimizerConfig:
 
     name: str = MISSING
     lr: float = option(above=0)
-    """Learning rate."""
+    """Learning rate; with a schedule the one that it ends at: `lr + lr_extra exp(-lr_rate k)` at training step k."""
+    lr_extra: float = option(at_least=0)
+    """What is added to the learning rate at first; 0 for a constant rate."""
+    lr_rate: float = option(at_least=0)
+    """How fast that decays, per training step."""
+    lr_every: int = option(at_least=1)
+    """Training steps between changes of the learning rate."""
 
 
 @dataclass
@@ -193,6 +199,8 @@ class TrainerConfig:
     """Steps between rows of metrics.csv."""
     checkpoint_every: int = option(at_least=1)
     """Steps between checkpoints."""
+    horizons: list[float] = option(above=0, at_most=1)
+    """Growing horizon: leading fractions of it, each trained for an equal share of the steps; [1] for all at once."""
     figures: bool = MISSING
     """Whether figures and the report are made at the end; `eigenode plot` and `report` make them later."""
     on_unsolvable: str = option(choices=names.ON_UNSOLVABLE)
@@ -211,6 +219,9 @@ class EigenConfig:
     """Guard: largest eigenvalue condition number that a sensitivity may show."""
     margin: float = MISSING
     """Stability margin of STB in 1/s."""
+    eigenvalue_count: str = option(choices=names.EIGENVALUE_COUNTS)
+    """What the gradients of FRQ, DMP, STB and OSC are divided by: spectrum (the number of eigenvalues) | times (half
+    the number of data times, a quirk of the authors' code for the journal). The recorded losses do not depend on it."""
 
 
 @dataclass
@@ -251,6 +262,8 @@ class TrainConfig:
     """The user's own terms: name to `module:function`."""
     seed: int = option(at_least=0, below=2**63)
     """Of the initial weights and of every other draw."""
+    repetitions: int = option(at_least=1)
+    """Runs side by side that differ in the seed alone: `seed` and those that follow it."""
 
 
 SCHEMAS: dict[str, dict[str, type]] = {

@@ -4,12 +4,13 @@ import importlib
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import Field, fields
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.config.constraint import constraint_of
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.engines.obstacle import obstacle
 from eigenode_cli.errors import nearest, unknown
 from eigenode_cli.terms import NAMES, split_grads
 
@@ -153,6 +154,23 @@ def _eigen(config: DictConfig) -> Iterator[str]:
         yield f"eigen.every={config.eigen.every}: must be at most system.points={config.system.points}"
 
 
+def _trainer(config: DictConfig) -> Iterator[str]:
+    """A growing horizon grows, up to the whole of it."""
+    horizons = list(config.trainer.horizons)
+    if not horizons or horizons != sorted(set(horizons)) or horizons[-1] != 1.0:
+        yield (
+            f"trainer.horizons={show(config.trainer.horizons)}: must be growing fractions that end with 1,"
+            " for example [0.25,0.5,1]"
+        )
+
+
+def _engine(config: DictConfig) -> Iterator[str]:
+    """The compiled engine can do what is asked of it."""
+    reason = obstacle(cast(TrainConfig, config))
+    if config.engine.name == "compiled" and reason is not None:
+        yield f"engine=compiled: it has no {reason}; write engine=torch or engine=auto"
+
+
 def _target(config: DictConfig) -> Iterator[str]:
     """A corridor is one, and stated targets give the terms something to meet."""
     target, words = config.target, split_grads(config.grads)
@@ -176,5 +194,14 @@ def _target(config: DictConfig) -> Iterator[str]:
             yield f"grads={config.grads}: stf has nothing to meet; state target.stiffness=[low,high]"
 
 
-CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (_terms, _system, _network, _eigen, _target, _own_terms)
+CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (
+    _terms,
+    _system,
+    _network,
+    _eigen,
+    _trainer,
+    _engine,
+    _target,
+    _own_terms,
+)
 """What must fit together, in the order of the lines printed."""

@@ -12,6 +12,10 @@ def _sigmoid_slope(z: Tensor) -> Tensor:
     return s * (1.0 - s)
 
 
+def _softplus(z: Tensor) -> Tensor:
+    return torch.logaddexp(z, torch.zeros_like(z))  # torch's own becomes the identity beyond 20
+
+
 def _silu_slope(z: Tensor) -> Tensor:
     s = torch.sigmoid(z)
     return s * (1.0 + z * (1.0 - s))
@@ -25,7 +29,7 @@ ACTIVATIONS: dict[str, tuple[Callable[[Tensor], Tensor], Callable[[Tensor], Tens
     "tanh": (torch.tanh, lambda z: 1.0 - torch.tanh(z) ** 2),
     "sigmoid": (torch.sigmoid, _sigmoid_slope),
     "relu": (torch.relu, lambda z: (z > 0.0).to(z)),
-    "softplus": (functional.softplus, torch.sigmoid),
+    "softplus": (_softplus, torch.sigmoid),
     "silu": (functional.silu, _silu_slope),
     "elu": (functional.elu, _elu_slope),
     "sin": (torch.sin, torch.cos),

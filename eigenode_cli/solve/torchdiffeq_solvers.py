@@ -105,7 +105,8 @@ class SteppedSolver(RKAdaptiveStepsizeODESolver):
             raise SolveStopped(Status.MAX_STEPS)
         clipped = start + proposed >= self.end
         size = self.end - start if clipped else proposed
-        if not size > SMALLEST_STEP * abs(start) or start + size == start:
+        # the step as proposed: what clipping leaves at the very end may be as small as rounding makes it
+        if not proposed > SMALLEST_STEP * abs(start) or start + proposed == start:
             raise SolveStopped(Status.UNDERFLOW if self._last_finite else Status.NON_FINITE)
         return size, clipped
 
