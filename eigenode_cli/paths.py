@@ -18,6 +18,9 @@ CONFIG_DIR = next(
 )
 """The shipped configs: inside an installed package, beside the package in a checkout."""
 
+EXPERIMENT_DIR = CONFIG_DIR.with_name("experiments")
+"""The shipped experiments, beside the configs in either place."""
+
 OUTPUTS = Path("outputs")
 """Runs land here, under the folder that the command was given in."""
 

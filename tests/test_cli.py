@@ -241,7 +241,7 @@ def test_plot_and_report_print_what_they_wrote(
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("eigenode tr", "train resume plot report list validate"),
+        ("eigenode tr", "train resume plot report bench list validate"),
         ("eigenode train system=", "system=oscillator system=sparse_oscillator system=vdp"),
         ("eigenode train scale.s", "scale.sol= scale.stb= scale.stf="),
         ("eigenode plot ", ""),

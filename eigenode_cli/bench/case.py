@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -69,8 +70,8 @@ def recipe_config(name: str) -> TrainConfig:
     Args:
         name: one of `RECIPES`.
     """
-    system, grads = RECIPES[name]
-    return typed(compose([f"system={system}", f"grads={grads}", "seed=0"]))
+    system, grads, steps = RECIPES[name]
+    return typed(compose([f"system={system}", f"grads={grads}", f"trainer.steps={steps}", "seed=0"]))
 
 
 def shape_of(field: VectorField) -> MlpShape:
@@ -167,7 +168,7 @@ def _oscillating_weights(n: int, hidden: Sequence[int], pairs: int, generator: n
         rotation[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[value.real, -value.imag], [value.imag, value.real]]
     sizes = (n, *hidden, n)
     layers: list[Floats] = []
-    for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+    for inputs, outputs in pairwise(sizes):
         layers.append(0.02 * generator.standard_normal((outputs, inputs)) / np.sqrt(inputs))
     layers[0][:rank] += 0.5 * basis.T
     for middle in layers[1:-1]:

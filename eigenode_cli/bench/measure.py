@@ -18,7 +18,7 @@ PAIRS = 21
 FEWEST = 5
 """Pairs of samples at least."""
 PATIENCE = 6.0
-"""A comparison ends about this many seconds after it began, unless it has too few pairs."""
+"""Seconds after which a comparison ends, unless it has too few pairs."""
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,12 @@ class _Sampler:
         return self.processor / self.wall
 
 
-def compare(numerator: Callable[[], Any], denominator: Callable[[], Any]) -> Ratio:
-    """Time of `numerator` over that of `denominator`, samples of both in turn."""
+def compare(numerator: Callable[[], Any], denominator: Callable[[], Any], patience: float = PATIENCE) -> Ratio:
+    """Time of `numerator` over that of `denominator`, samples of both in turn for about `patience` seconds."""
     above, below = _Sampler(numerator), _Sampler(denominator)
     spans: list[tuple[float, float]] = []
     start = perf_counter()
-    while len(spans) < FEWEST or (len(spans) < PAIRS and perf_counter() - start < PATIENCE):
+    while len(spans) < FEWEST or (len(spans) < PAIRS and perf_counter() - start < patience):
         spans.append((above.sample(), below.sample()))
     times = np.array(spans)
     return ratio_of(times[:, 0], times[:, 1], (above.cores, below.cores))

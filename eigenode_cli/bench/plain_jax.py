@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
@@ -21,8 +22,8 @@ FORWARD_LIMIT = 1000
 """Parameters up to which forward mode is tried: it carries a tangent for each."""
 TRIALS = 5
 """Calls by which the fastest adjoint is found."""
-CONTROLLERS = {"I": {}, "PI": {"pcoeff": 0.4, "icoeff": 0.3}}
-"""Diffrax's default step-size control, and that of the paper's solvers."""
+CONTROLLERS = {"I": (0.0, 1.0), "PI": (0.4, 0.3)}
+"""Proportional and integral coefficient: diffrax's default step-size control, and that of the paper's solvers."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def field_function(case: Case) -> Callable[[Any, Any, Any], Any]:
 
     def field(_t: Any, x: Any, theta: Any) -> Any:
         u, at = x, 0
-        for layer, (inputs, outputs) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+        for layer, (inputs, outputs) in enumerate(pairwise(sizes)):
             weight = theta[at : at + inputs * outputs].reshape(outputs, inputs)
             u = weight @ u + theta[at + inputs * outputs : at + (inputs + 1) * outputs]
             u = jnp.tanh(u) if layer < len(sizes) - 2 else u
@@ -103,11 +104,16 @@ def terms_function(case: Case) -> Callable[[Any, Any], Any]:
     return values
 
 
-def loss_jacobian(case: Case, choice: Choice, controller: dict[str, float]) -> Callable[[Any], Any]:
+def _control(case: Case, controller: str) -> diffrax.PIDController:
+    pcoeff, icoeff = CONTROLLERS[controller]
+    return diffrax.PIDController(rtol=case.solver.rtol, atol=case.solver.atol, pcoeff=pcoeff, icoeff=icoeff)
+
+
+def loss_jacobian(case: Case, choice: Choice, controller: str) -> Callable[[Any], Any]:
     """Jitted `theta -> (values (L,), gradients (L, P), accepted steps, success)`."""
     times, terms_of = case.times, terms_function(case)
     term, count = diffrax.ODETerm(field_function(case)), len(case.problem.terms)
-    control = diffrax.PIDController(rtol=case.solver.rtol, atol=case.solver.atol, **controller)
+    control = _control(case, controller)
 
     def values(theta: Any) -> tuple[Any, Any]:
         solution = diffrax.diffeqsolve(
@@ -118,7 +124,7 @@ def loss_jacobian(case: Case, choice: Choice, controller: dict[str, float]) -> C
             None,
             jnp.asarray(case.problem.initial_state),
             theta,
-            saveat=diffrax.SaveAt(ts=times),
+            saveat=diffrax.SaveAt(ts=jnp.asarray(times)),
             stepsize_controller=control,
             adjoint=choice.adjoint,
             max_steps=choice.max_steps,
@@ -159,7 +165,7 @@ def choices(case: Case, steps: int) -> list[Choice]:
 
 
 def _runner(case: Case, choice: Choice, controller: str) -> Runner:
-    function = loss_jacobian(case, choice, CONTROLLERS[controller])
+    function = loss_jacobian(case, choice, controller)
     theta = jnp.asarray(case.theta)
 
     def read(raw: Any) -> Result:
@@ -172,7 +178,7 @@ def _runner(case: Case, choice: Choice, controller: str) -> Runner:
     return Runner(lambda: jax.block_until_ready(function(theta)), read, detail)
 
 
-def _attempted(case: Case, controller: dict[str, float]) -> int:
+def _attempted(case: Case, controller: str) -> int:
     """Steps of a solve, accepted or not."""
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field_function(case)),
@@ -182,7 +188,7 @@ def _attempted(case: Case, controller: dict[str, float]) -> int:
         None,
         jnp.asarray(case.problem.initial_state),
         jnp.asarray(case.theta),
-        stepsize_controller=diffrax.PIDController(rtol=case.solver.rtol, atol=case.solver.atol, **controller),
+        stepsize_controller=_control(case, controller),
         max_steps=case.solver.max_steps,
     )
     return int(solution.stats["num_steps"])
@@ -190,7 +196,7 @@ def _attempted(case: Case, controller: dict[str, float]) -> int:
 
 def best_runner(case: Case) -> Runner:
     """The fastest of all adjoints, after the step-size control that takes fewer steps."""
-    attempted = {name: _attempted(case, options) for name, options in CONTROLLERS.items()}
+    attempted = {name: _attempted(case, name) for name in CONTROLLERS}
     controller = min(attempted, key=lambda name: attempted[name])
     if case.solver.rtol < RTOL or case.solver.atol < ATOL:  # to be compared, not to be timed
         return _runner(case, choices(case, attempted[controller])[0], controller)

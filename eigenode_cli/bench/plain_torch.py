@@ -4,6 +4,9 @@ The terms are transcriptions of the equations (Sec. 3.3 of the paper), with MAE,
 """
 
 from collections.abc import Callable
+from importlib import import_module
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,9 +14,6 @@ from torch import Tensor, nn
 
 from eigenode_cli.bench.case import Case
 from eigenode_cli.bench.contestants import Result, Runner
-
-Solver = Callable[[nn.Module], tuple[Tensor, Callable[[], int]]]
-"""Vector field in; trajectory `(N, n)` out, and what gives the number of steps that it took."""
 
 
 class PlainField(nn.Module):
@@ -23,7 +23,7 @@ class PlainField(nn.Module):
         super().__init__()
         sizes = case.shape.sizes
         layers: list[nn.Module] = []
-        for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+        for inputs, outputs in pairwise(sizes):
             layers += [nn.Linear(inputs, outputs, dtype=torch.float64), nn.Tanh()]
         self.network = nn.Sequential(*layers[:-1])
         self.second_order = case.shape.structure == "second_order"
@@ -35,6 +35,10 @@ class PlainField(nn.Module):
         self.evaluations += 1
         outputs = self.network(x)
         return torch.cat([x[..., x.shape[-1] // 2 :], outputs], -1) if self.second_order else outputs
+
+
+Solver = Callable[[PlainField], tuple[Tensor, Callable[[], int]]]
+"""Vector field in; trajectory `(N, n)` out, and what gives the number of steps that it took."""
 
 
 class PlainTerms:
@@ -99,16 +103,15 @@ def plain_runner(case: Case, solver: Solver, detail: str) -> Runner:
 
 def torchdiffeq_solver(case: Case) -> Solver:
     """`torchdiffeq.odeint` with dopri5, through which autograd goes."""
-    from torchdiffeq import odeint  # noqa: PLC0415
-
+    odeint: Any = import_module("torchdiffeq").odeint
     start, times = torch.from_numpy(case.problem.initial_state.copy()), torch.from_numpy(case.times)
     solver = case.solver
 
-    def solve(field: nn.Module) -> tuple[Tensor, Callable[[], int]]:
-        before = int(field.evaluations)
+    def solve(field: PlainField) -> tuple[Tensor, Callable[[], int]]:
+        before = field.evaluations
         states = odeint(field, start, times, rtol=solver.rtol, atol=solver.atol, method="dopri5")
         # two evaluations choose the first step, six make a trial, accepted or not
-        steps = (int(field.evaluations) - before - 2) // 6
+        steps = (field.evaluations - before - 2) // 6
         return states, lambda: steps
 
     return solve
@@ -116,13 +119,12 @@ def torchdiffeq_solver(case: Case) -> Solver:
 
 def torchode_solver(case: Case) -> Solver:
     """`torchode.AutoDiffAdjoint` with Tsit5 and the same step-size control as ours."""
-    import torchode  # noqa: PLC0415
-
+    torchode: Any = import_module("torchode")  # its own annotations contradict each other
     start = torch.from_numpy(case.problem.initial_state.copy())[None]
     times = torch.from_numpy(case.times)[None]
     solver = case.solver
 
-    def solve(field: nn.Module) -> tuple[Tensor, Callable[[], int]]:
+    def solve(field: PlainField) -> tuple[Tensor, Callable[[], int]]:
         term = torchode.ODETerm(field)
         method = torchode.Tsit5(term=term)
         controller = torchode.PIDController(

@@ -6,28 +6,35 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Self
+from time import perf_counter
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
+from torch import Tensor
 
-from eigenode_cli.bench.case import Case, recipe_config, shape_of
+from eigenode_cli.bench.case import Case, recipe_config, shape_of, torch_field
 from eigenode_cli.bench.contestants import BareSolve
-from eigenode_cli.bench.measure import Ratio, compare
+from eigenode_cli.bench.measure import Ratio, compare, ratio_of
 from eigenode_cli.combine import COMBINATIONS
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.field import flat_parameters
+from eigenode_cli.field import flat_parameters, load_flat
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.recorder import Progress, Recorder
-from eigenode_cli.run import DENSE, build
+from eigenode_cli.run import DENSE, build, gradient_scales
 from eigenode_cli.terms import NAMES
 from eigenode_cli.trainer import Trainer
 
 STANDSTILL = 1e-15
 """Learning rate of steps that are only timed: the weights stay where they are."""
+RUN_STEPS = 5000
+"""Training steps of a run of the paper."""
 BLOCK = 500
 """Training steps that are timed together, with their records and one checkpoint."""
+GRADIENT_PAIRS = 11
+"""Pairs of a peer's loss Jacobian and a block of training steps."""
 THREADED = 200
 """Training steps of each repetition that are timed on one and on two threads."""
 
@@ -38,8 +45,9 @@ class Silent:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        return None
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
 
     def record(self, step: int, losses: dict[str, float], rate: float | None) -> None:
         """See `Display.record`."""
@@ -55,7 +63,7 @@ class Trained:
     Attributes:
         case: with these weights.
         config: the recipe.
-        train_seconds: what the training of all its steps took, without compilation and records.
+        train_seconds: what 5,000 of its steps took on average, without compilation and records.
     """
 
     case: Case
@@ -72,7 +80,7 @@ def train_case(name: str) -> Trained:
     theta, progress = case.theta.copy(), Progress()
     with TemporaryDirectory() as folder:
         run_steps(config, case, theta, progress, Path(folder))
-    return Trained(replace(case, theta=theta), config, progress.train_seconds)
+    return Trained(replace(case, theta=theta), config, progress.train_seconds * RUN_STEPS / progress.step)
 
 
 def run_steps(config: TrainConfig, case: Case, theta: Floats, progress: Progress, folder: Path) -> None:
@@ -84,19 +92,25 @@ def trainer_for(
     config: TrainConfig, case: Case, theta: Floats, progress: Progress, folder: Path, engine: CompiledEngine
 ) -> Callable[[], None]:
     """The training of `theta (P,)` as a call that starts where `progress` stands."""
-    recorder = Recorder(folder, NAMES, np.zeros(DENSE))
+    recorder, field = Recorder(folder, NAMES, np.zeros(DENSE)), torch_field(case)
+
+    def network(at: Floats) -> dict[str, Tensor]:
+        load_flat(field, at)
+        return field.network.state_dict()
+
     trainer = Trainer(
         engine=engine,
+        stages=[engine],
         optimizer=build_optimizer(config.optimizer, theta.size),
         combination=COMBINATIONS[config.combine.name],
         terms=case.problem.terms,
-        scales=np.array([config.scale[term] for term in case.problem.terms]),
+        scales=gradient_scales(config, case.problem.terms),
         config=config.trainer,
         recorder=recorder,
         display=Silent(),
         dense_times=np.linspace(0.0, case.times[-1], DENSE),
         theta=theta,
-        network=lambda _theta: {},
+        network=network,
         progress=progress,
     )
 
@@ -110,19 +124,47 @@ def trainer_for(
     return call
 
 
-def _standing(trained: Trained, steps: int, folder: Path, engine: CompiledEngine) -> Callable[[], None]:
-    """So many whole training steps that leave the weights where they are."""
-    optimizer = replace(trained.config.optimizer, lr=STANDSTILL)
-    trainer = replace(trained.config.trainer, steps=steps, checkpoint_every=steps)
-    config = replace(trained.config, optimizer=optimizer, trainer=trainer)
-    theta, progress = trained.case.theta.copy(), Progress()
-    run = trainer_for(config, trained.case, theta, progress, folder, engine)
+class _Standing:
+    """So many whole training steps at a call, which leave the weights where they are.
 
-    def call() -> None:
-        progress.step = 0
-        run()
+    Attributes:
+        progress: counts `train_seconds` over all calls.
+    """
 
-    return call
+    def __init__(self, trained: Trained, steps: int, folder: Path) -> None:
+        case, config = trained.case, trained.config
+        optimizer = replace(config.optimizer, lr=STANDSTILL)
+        trainer = replace(config.trainer, steps=steps, checkpoint_every=steps)
+        self.progress = Progress()
+        self._run = trainer_for(
+            replace(config, optimizer=optimizer, trainer=trainer),
+            case,
+            case.theta.copy(),
+            self.progress,
+            folder,
+            CompiledEngine(case.shape, case.problem),
+        )
+
+    def __call__(self) -> None:
+        self.progress.step = 0
+        self._run()
+
+
+def gradient_over_step(trained: Trained, gradient: Callable[[], Any]) -> Ratio:
+    """A peer's loss Jacobian over one of our training steps as `train_seconds` counts it, at the same weights."""
+    spans: list[tuple[float, float]] = []
+    with TemporaryDirectory() as folder:
+        standing = _Standing(trained, BLOCK, Path(folder))
+        standing()
+        gradient()
+        for _ in range(GRADIENT_PAIRS):
+            start, before = perf_counter(), standing.progress.train_seconds
+            gradient()
+            span = perf_counter() - start
+            standing()
+            spans.append((span, (standing.progress.train_seconds - before) / BLOCK))
+    times = np.array(spans)
+    return ratio_of(times[:, 0], times[:, 1])
 
 
 def step_over_floor(trained: Trained) -> Ratio:
@@ -134,23 +176,19 @@ def step_over_floor(trained: Trained) -> Ratio:
             bare()
 
     with TemporaryDirectory() as folder:
-        engine = CompiledEngine(trained.case.shape, trained.case.problem)
-        return compare(_standing(trained, BLOCK, Path(folder), engine), solves)
+        return compare(_Standing(trained, BLOCK, Path(folder)), solves)
 
 
-def six_over_one(case: Case) -> Ratio:
-    """The loss Jacobian of all six terms over that of SOL alone, at the same weights."""
-    calls = [CompiledEngine(case.shape, case.with_terms(terms).problem).loss_jacobian for terms in (NAMES, ("sol",))]
-    return compare(partial(calls[0], case.theta), partial(calls[1], case.theta))
+def six_over_one(case: Case, term: str) -> Ratio:
+    """The loss Jacobian of all six terms over that of one, at the same weights."""
+    six, one = (CompiledEngine(case.shape, case.with_terms(terms).problem) for terms in (NAMES, (term,)))
+    return compare(partial(six.loss_jacobian, case.theta), partial(one.loss_jacobian, case.theta))
 
 
 def two_threads(trained: Trained) -> Ratio:
     """Throughput of two threads over that of one: two repetitions one after another over both side by side."""
     with TemporaryDirectory() as first, TemporaryDirectory() as second, ThreadPoolExecutor(2) as pool:
-        repetitions = [
-            _standing(trained, THREADED, Path(folder), CompiledEngine(trained.case.shape, trained.case.problem))
-            for folder in (first, second)
-        ]
+        repetitions = [_Standing(trained, THREADED, Path(folder)) for folder in (first, second)]
 
         def in_turn() -> None:
             for repetition in repetitions:

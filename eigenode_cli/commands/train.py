@@ -1,4 +1,4 @@
-"""`eigenode train`: check everything, make a folder, then let Hydra run the job or the sweep."""
+"""`eigenode train`: check everything, make a folder, then run the one run, its repetitions, or the sweep."""
 
 import argparse
 import os
@@ -20,13 +20,18 @@ from omegaconf.errors import OmegaConfBaseException
 from eigenode_cli.config.compose import finalise, typed
 from eigenode_cli.config.composer import VERSION_BASE, Composer, explain, hydra_values
 from eigenode_cli.config.examine import examine, normalise
-from eigenode_cli.config.sweep import examine_sweep
+from eigenode_cli.config.sweep import Job, Kind, examine_sweep, is_hydras, repeated
 from eigenode_cli.errors import UserError
 from eigenode_cli.paths import CONFIG_DIR, claim_folder, importable, restore_variable
+from eigenode_cli.sweep.conduct import conduct
+from eigenode_cli.sweep.job import figures_chosen
+from eigenode_cli.sweep.launch import cores, launch, launcher_faults, workers
+from eigenode_cli.sweep.plan import Sweep, default_folder
 from eigenode_cli.terms import canonical, split_grads
 
 AUTO = "auto"
-"""Value of `hydra.run.dir` and `hydra.sweep.dir` that asks for a new folder under outputs/."""
+"""Value of `hydra.run.dir` and `hydra.sweep.dir` that asks for a folder under outputs/."""
+DRY_RUN = "--dry-run"
 INTERRUPTED = 130
 
 _statuses: list[int] = []
@@ -43,32 +48,42 @@ def _job(config: DictConfig) -> None:
         raise KeyboardInterrupt
 
 
+@dataclass(frozen=True)
+class _Checked:
+    """A command line without a fault.
+
+    Attributes:
+        config: of the (first) run, with its `hydra` node.
+        jobs: the runs of a sweep, or the repetitions of one run; empty for a single one.
+        kinds: the configurations that differ in more than the seed.
+    """
+
+    config: DictConfig
+    jobs: list[Job]
+    kinds: list[Kind]
+
+
 def train(words: Sequence[str]) -> int:
     """Run `eigenode train <words>`; returns the exit status.
 
     Raises:
         UserError: with all faults of the command line, before any folder is made.
     """
-    args = _parse(words)
+    args = _parse([word for word in words if word != DRY_RUN])
     with importable(*([args.config_dir] if args.config_dir else [])):
         if args.help or args.hydra_help or args.info or args.shell_completion:
             return _show(words)
-        flags = [word for word in words if word not in args.overrides]
+        flags = [word for word in words if word not in (*args.overrides, DRY_RUN)]
         args.overrides = normalise(args.overrides)
-        place = _check(args)
+        composer = Composer(args.config_dir, args.config_name or "train")
+        checked = _check(args, composer)
         if args.cfg is not None:
             return _show([*args.overrides, *flags])
-        folder = claim_folder(place.name) if place.name else None
-        chosen = [f"{place.key}={folder.as_posix()}"] if folder else []
-        return _start([*args.overrides, *chosen, *flags], folder)
-
-
-@dataclass(frozen=True)
-class _Place:
-    """Where results go: a new folder called `name`, or, where that is None, the one that the user set as `key`."""
-
-    key: str
-    name: str | None
+        if DRY_RUN in words:
+            return _dry_run(args, composer, checked)
+        if checked.jobs:
+            return _sweep(args, composer, checked)
+        return _single(args.overrides, flags, checked.config)
 
 
 def _parse(words: Sequence[str]) -> argparse.Namespace:
@@ -94,35 +109,78 @@ def _parse(words: Sequence[str]) -> argparse.Namespace:
     return args
 
 
-def _check(args: argparse.Namespace) -> _Place:
-    """Check the whole command line, every run of a sweep included, and say where the results go."""
-    composer = Composer(args.config_dir, args.config_name or "train")
-    hydra_words = [word for word in args.overrides if word.lstrip("+~").startswith(("hydra.", "hydra/"))]
+def _check(args: argparse.Namespace, composer: Composer) -> _Checked:
+    """Check the whole command line, every run of a sweep included."""
+    hydra_words = [word for word in args.overrides if is_hydras(word)]
+    missing = launcher_faults(hydra_words)
     found = examine(composer, hydra_words if args.multirun else args.overrides)
     sweep = args.multirun or (found.config is not None and found.config.hydra.mode == RunMode.MULTIRUN)
     if sweep and found.config is not None:
-        found = examine_sweep(composer, found.config, args.overrides)
+        swept = examine_sweep(composer, found.config, args.overrides)
+        swept.faults[:0] = missing
+        return _Checked(swept.checked(), swept.jobs, swept.kinds)
+    found.faults[:0] = missing
     config = found.checked()
+    jobs = repeated(composer, config, args.overrides) if config.repetitions > 1 else []
+    return _Checked(config, jobs, [(config, config.repetitions)])
+
+
+def _single(words: Sequence[str], flags: Sequence[str], config: DictConfig) -> int:
+    """Run one training in a folder of its own."""
     with hydra_values(config):
-        if sweep:
-            return _place("hydra.sweep.dir", config.hydra.sweep.dir, "sweep", "*/run.json")
         grads = "+".join(canonical(split_grads(config.grads)))
         name = f"{config.system.name}_{grads}_seed{config.seed}"
-        return _place("hydra.run.dir", config.hydra.run.dir, name, "run.json")
+        chosen = config.hydra.run.dir
+    if chosen != AUTO:
+        _check_folder(chosen)
+        return _start([*words, *flags], None)
+    folder = claim_folder(name)
+    return _start([*words, f"hydra.run.dir={folder.as_posix()}", *flags], folder)
 
 
-def _place(key: str, folder: str, name: str, runs: str) -> _Place:
-    if folder == AUTO:
-        return _Place(key, name)
+def _check_folder(folder: str) -> None:
     if Path(folder).exists() and not Path(folder).is_dir():
-        raise UserError(f"{key}={folder}: is a file; name a folder")
-    if any(Path(folder).glob(runs)):
-        raise UserError(f"{key}={folder}: holds a run already; name another folder, or go on with eigenode resume")
-    return _Place(key, None)
+        raise UserError(f"hydra.run.dir={folder}: is a file; name a folder")
+    if (Path(folder) / "run.json").exists():
+        raise UserError(
+            f"hydra.run.dir={folder}: holds a run already; name another folder, or go on with eigenode resume"
+        )
+
+
+def _sweep(args: argparse.Namespace, composer: Composer, checked: _Checked) -> int:
+    """Run a sweep by a launcher of Hydra's, or the repetitions of one run on threads of this process."""
+    own = [word for word in args.overrides if not is_hydras(word)]
+    of_hydra = [word for word in args.overrides if is_hydras(word) and not word.startswith("hydra.sweep.dir=")]
+    flags = [f"--config-dir={Path(args.config_dir).resolve()}"] if args.config_dir else []
+    flags += [f"--config-name={args.config_name}"] if args.config_name else []
+    config = checked.config
+    with hydra_values(config):
+        chosen = config.hydra.sweep.dir
+    sweep = Sweep(
+        folder=default_folder(own, checked.jobs) if chosen == AUTO else Path(chosen),
+        flags=tuple(flags),
+        words=(*(["-m"] if args.multirun else []), *flags, *own, *of_hydra),
+        jobs=tuple(checked.jobs),
+    )
+    if config.repetitions == 1:
+        return conduct(sweep, lambda pending: launch(sweep, pending, composer, of_hydra))
+    from eigenode_cli.sweep.repetitions import repeat  # noqa: PLC0415  # torch, as it runs in this process
+
+    return conduct(sweep, lambda pending: repeat(sweep, pending, config))
+
+
+def _dry_run(args: argparse.Namespace, composer: Composer, checked: _Checked) -> int:
+    """Say what the command would take, and start nothing."""
+    from eigenode_cli.sweep.cost import show_cost  # noqa: PLC0415  # torch: it measures
+
+    runs = sum(count for _, count in checked.kinds)
+    many = workers(checked.config, runs) if args.multirun else min(runs, cores())
+    show_cost(composer, checked.kinds, many, drawn=not checked.jobs or figures_chosen(args.overrides))
+    return 0
 
 
 def _start(words: Sequence[str], claimed: Path | None) -> int:
-    """Let Hydra start the job or the sweep; an empty folder is not left behind."""
+    """Let Hydra start the run; an empty folder is not left behind."""
     _statuses.clear()
     try:
         with _handed_over(words):

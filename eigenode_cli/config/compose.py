@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.composer import Composer, explain, hydra_values
-from eigenode_cli.config.examine import examine, normalise
+from eigenode_cli.config.examine import Examined, examine, normalise
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 from eigenode_cli.errors import UserError
 from eigenode_cli.terms import canonical, split_grads
@@ -53,10 +53,21 @@ def compose(overrides: Sequence[str], config_dir: str | None = None) -> DictConf
     Raises:
         UserError: with all faults at once.
     """
-    composer = Composer(config_dir)
-    words = normalise(overrides)
-    examine(composer, words).checked()
-    config = composer.composed(tuple(words))
+    return compose_with(Composer(config_dir), overrides)
+
+
+def compose_with(composer: Composer, overrides: Sequence[str]) -> DictConfig:
+    """The same with a composer at hand, which reads every file once however many configurations it makes."""
+    return run_config(examine(composer, normalise(overrides)))
+
+
+def run_config(found: Examined) -> DictConfig:
+    """What was examined, as a run reads it.
+
+    Raises:
+        UserError: with all faults at once.
+    """
+    config = found.checked()
     with hydra_values(copy.deepcopy(config)), open_dict(config):
         del config["hydra"]
         return finalise(config)

@@ -27,10 +27,10 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 from eigenode_cli.errors import UserError
-from eigenode_cli.paths import CONFIG_DIR, slug
+from eigenode_cli.paths import CONFIG_DIR
 
 VERSION_BASE = "1.3"
-DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine")
+DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine", "protocol_optimizer")
 """Groups that a protocol chooses from, not the user."""
 
 
@@ -40,7 +40,6 @@ def _register() -> None:
     for group, schemas in SCHEMAS.items():
         for name, schema in schemas.items():
             store.store(group=f"schema/{group}", name=name, node=schema)
-    OmegaConf.register_new_resolver("eigenode_slug", slug, replace=True)
 
 
 _register()

@@ -1,18 +1,57 @@
 """A sweep, checked as a whole before its first run starts."""
 
+import hashlib
+import json
+import re
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
 
+from hydra._internal.config_loader_impl import get_overrides_dirname
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.types import Override
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf, open_dict
 
-from eigenode_cli.config.composer import Composer
+from eigenode_cli.config.compose import finalise
+from eigenode_cli.config.composer import Composer, hydra_values
 from eigenode_cli.config.examine import Examined, examine_overrides, parse
+from eigenode_cli.paths import slug
 
-Job = tuple[str, ...]
+Words = tuple[str, ...]
+Kind = tuple[DictConfig, int]
+"""Configuration, with its `hydra` node, and number of the runs that differ in the seed alone."""
 
 
-def examine_sweep(composer: Composer, ground: DictConfig, words: Sequence[str]) -> Examined:
+@dataclass(frozen=True)
+class Job:
+    """One run of a sweep.
+
+    Attributes:
+        name: its folder within the sweep's: its settings, whatever their order on the command line.
+        overrides: its settings, none of them Hydra's own.
+        digest: of everything that the run depends on; equal digests mean equal runs.
+    """
+
+    name: str
+    overrides: Words
+    digest: str
+
+
+@dataclass
+class ExaminedSweep(Examined):
+    """What came out of the command line of a sweep; `config` is that of its first run, on a fault there are no jobs."""
+
+    jobs: list[Job] = field(default_factory=list)
+    kinds: list[Kind] = field(default_factory=list)
+
+
+def is_hydras(word: str) -> bool:
+    """Whether an override is a setting of Hydra, not of the run."""
+    return word.lstrip("+~").startswith(("hydra.", "hydra/"))
+
+
+def examine_sweep(composer: Composer, ground: DictConfig, words: Sequence[str]) -> ExaminedSweep:
     """Check every run of a sweep; one config may stand for runs that differ in the seed alone.
 
     Args:
@@ -27,23 +66,71 @@ def examine_sweep(composer: Composer, ground: DictConfig, words: Sequence[str]) 
     overrides, faults = parse(composer, [*params, *words])
     faults += [fault for override in overrides if (fault := _expansion_fault(override))]
     if faults:
-        return Examined(None, faults)
+        return ExaminedSweep(None, faults)
     jobs = [tuple(job) for job in BasicSweeper.split_arguments(overrides, None)[0]]
     faults = _twice(jobs)
-    found: list[Examined] = []
-    for job in _without_equal_seeds(jobs):
-        parsed, _ = parse(composer, job)
-        found.append(examine_overrides(composer, parsed))
-        faults += found[-1].faults
-    useless = {key: fault for key, fault in found[0].useless.items() if all(key in job.useless for job in found)}
-    return Examined(found[0].config, list(dict.fromkeys(faults)), useless)
+    found: dict[Words, Examined] = {}
+    for job in jobs:
+        if _but_seed(job) not in found:
+            parsed, _ = parse(composer, job)
+            found[_but_seed(job)] = _without_repetitions(examine_overrides(composer, parsed))
+    checked = list(found.values())
+    faults += [fault for examined in checked for fault in examined.faults]
+    useless = {key: fault for key, fault in checked[0].useless.items() if all(key in job.useless for job in checked)}
+    result = ExaminedSweep(checked[0].config, list(dict.fromkeys(faults)), useless)
+    if not result.faults:
+        configs = {key: config for key, examined in found.items() if (config := examined.config) is not None}
+        settings = {key: _plain(config) for key, config in configs.items()}
+        counts = Counter(map(_but_seed, jobs))
+        result.kinds = [(config, counts[key]) for key, config in configs.items()]
+        result.jobs = [_job(composer, job, settings[_but_seed(job)]) for job in jobs]
+    return result
+
+
+def repeated(composer: Composer, config: DictConfig, words: Sequence[str]) -> list[Job]:
+    """The runs that `repetitions=N` asks for: N seeds from `seed` on.
+
+    Args:
+        composer: reads the words.
+        config: checked, with its `hydra` node.
+        words: what the user typed.
+    """
+    own = [word for word in words if word.partition("=")[0] not in ("seed", "repetitions")]
+    settings = _plain(config)
+    return [_job(composer, (*own, f"seed={config.seed + i}"), settings) for i in range(config.repetitions)]
+
+
+def settings_of(config: DictConfig, seed: int) -> DictConfig:
+    """What a single run with this seed reads; `config` is checked and has its `hydra` node."""
+    settings = config.copy()
+    with hydra_values(config), open_dict(settings):
+        del settings["hydra"]
+        settings.seed, settings.repetitions = seed, 1
+        return finalise(settings)
+
+
+def _plain(config: DictConfig) -> dict[str, Any]:
+    """Every setting of a single run."""
+    return cast(dict[str, Any], OmegaConf.to_container(settings_of(config, config.seed)))
+
+
+def _job(composer: Composer, words: Words, settings: dict[str, Any]) -> Job:
+    own = tuple(word for word in words if not is_hydras(word))
+    if any(word.startswith("seed=") for word in own):  # it stands among the words; `settings` may be of another seed
+        settings = {**settings, "seed": None}
+    name = get_overrides_dirname(composer.parser.parse_overrides(list(own)), exclude_keys=[], item_sep=",", kv_sep="=")
+    text = json.dumps([settings, sorted(own)], sort_keys=True)
+    return Job(slug(name), own, hashlib.sha1(text.encode()).hexdigest())
 
 
 def _expansion_fault(override: Override) -> str | None:
+    line = override.input_line
+    key = override.get_key_element().lstrip("+")
+    if key == "hydra.sweep.subdir":
+        return f"{line}: each run's folder is named by its settings; choose that of the sweep with hydra.sweep.dir"
     if not override.is_sweep_override():
         return None
-    line = override.input_line
-    if override.get_key_element().lstrip("+").startswith(("hydra.", "hydra/")):
+    if is_hydras(key):
         return f"{line}: settings of Hydra cannot be swept; give one value"
     if not override.is_discrete_sweep():
         return f"{line}: no finite list of values; write choice(...) or range(...)"
@@ -52,9 +139,18 @@ def _expansion_fault(override: Override) -> str | None:
     return None
 
 
-def _twice(jobs: Sequence[Job]) -> list[str]:
+def _without_repetitions(examined: Examined) -> Examined:
+    """In a sweep the seeds are swept; `repetitions` is for a single run."""
+    config = examined.config
+    if not examined.faults and config is not None and config.repetitions > 1:
+        count = config.repetitions
+        examined.faults.append(f"repetitions={count}: with -m sweep over the seeds instead: 'seed=range({count})'")
+    return examined
+
+
+def _twice(jobs: Sequence[Words]) -> list[str]:
     """A fault for the first run that is in the sweep twice: the second would write over the first."""
-    seen: set[Job] = set()
+    seen: set[Words] = set()
     for job in jobs:
         if job in seen:
             return [f"{' '.join(job)}: the sweep has this run twice; name each value once"]
@@ -62,12 +158,6 @@ def _twice(jobs: Sequence[Job]) -> list[str]:
     return []
 
 
-def _without_equal_seeds(jobs: Sequence[Job]) -> list[Job]:
-    """The jobs to check: each combination of the other settings once, and each odd seed once."""
-    chosen: dict[Job, Job] = {}
-    for job in jobs:
-        seeds = tuple(word for word in job if word.startswith("seed="))
-        plain = all(word.removeprefix("seed=").isdecimal() for word in seeds)
-        others = tuple(word for word in job if word not in seeds)
-        chosen.setdefault((*others, *(() if plain else seeds)), job)
-    return list(chosen.values())
+def _but_seed(job: Words) -> Words:
+    """What decides whether a job has to be checked by itself: everything but a plain seed."""
+    return tuple(word for word in job if not re.fullmatch(r"seed=\d{1,18}", word))

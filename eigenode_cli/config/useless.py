@@ -28,6 +28,10 @@ def _reason(config: DictConfig, key: str) -> str | None:
         return f"grads={config.grads} does not have {name}; add it or leave the scale out"
     if key == "error.huber_delta" and "huber" not in config.error.values():
         return "no error function is huber; choose one with error.TERM=huber"
+    if key in ("optimizer.lr_rate", "optimizer.lr_every") and config.optimizer.lr_extra == 0.0:
+        return "the learning rate is constant; optimizer.lr_extra=... lets it decay"
+    if key == "eigen.eigenvalue_count" and words in (["sol"], ["stf"], ["sol", "stf"]):
+        return f"grads={config.grads} has no term that averages over eigenvalues"
     if key == "eigen.max_condition" and words == ["sol"]:
         return "grads=sol has no term of the spectrum"
     return None

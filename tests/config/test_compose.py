@@ -24,9 +24,9 @@ def test_every_shipped_file_is_composed() -> None:
     result = validate(Composer())
     assert result.faults == []
     assert result.files == shipped_files()
-    assert len(result.files) == 35
+    assert len(result.files) == 40
     choices = sum(len(Composer().choices(group)) for group in SCHEMAS)
-    protocols_and_systems = 2 + 2 * 3
+    protocols_and_systems = 3 + 3 * 3
     assert result.compositions == choices + protocols_and_systems
 
 
@@ -44,6 +44,9 @@ def test_the_paper() -> None:
     assert OmegaConf.to_container(config.optimizer) == {
         "name": "adam",
         "lr": 1e-3,
+        "lr_extra": 0.0,
+        "lr_rate": 0.0,
+        "lr_every": 1,
         "beta1": 0.9,
         "beta2": 0.999,
         "eps": 1e-8,

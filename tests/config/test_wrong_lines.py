@@ -25,7 +25,7 @@ WRONG = [
     ("train lr=3", "lr=3: unknown setting 'lr', did you mean optimizer.lr?"),
     ("train trainer.step=9", "trainer.step=9: unknown setting 'trainer.step', did you mean trainer.steps?"),
     ("train solver=rk4 solver.rtol=1e-3", "solver.rtol=1e-3: rk4 has no option 'rtol' (it has: step)"),
-    ("train optimizer=sgd optimizer.beta1=0", "optimizer.beta1=0: sgd has no option 'beta1' (it has: lr, momentum)"),
+    ("train optimizer=sgd optimizer.beta1=0", "optimizer.beta1=0: sgd has no option 'beta1' (it has: lr, lr_extra, lr_rate, lr_every, momentum)"),
     ("train network.hiden=[8]", "network.hiden=[8]: mlp has no option 'hiden', did you mean network.hidden?"),
     ("train engine.sensitivity=forward", "engine.sensitivity=forward: auto has no option 'sensitivity' (it has: none)"),
     ("train combine=sum combine.repeat_last_update=true", "combine.repeat_last_update=true: sum has no option "),

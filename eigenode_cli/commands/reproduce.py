@@ -1,0 +1,105 @@
+"""`eigenode reproduce [NAME ...]`: published figures and claims, from training to verdict."""
+
+import argparse
+import json
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+from eigenode_cli.errors import UserError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the command."""
+    parser.add_argument("names", metavar="NAME", nargs="*", help="experiments; all of the protocol where none is named")
+    parser.add_argument("--list", action="store_true", help="list all experiments and start nothing")
+    parser.add_argument("--protocol", metavar="P", help="training choices of all runs (paper where no name is given)")
+    parser.add_argument("--repetitions", metavar="N", type=_positive, default=1, help="seeds 0 to N-1 of every run")
+    parser.add_argument("--jobs", metavar="J", type=_positive, help="processes, one a core where left out")
+    parser.add_argument("--output", metavar="DIR", type=Path, help="folder of verdicts, figures and page")
+    parser.add_argument("--no-figures", action="store_true", help="leave figures and page out")
+    parser.add_argument(
+        "--check", metavar="FILE", type=Path, help="a verdicts.json to agree with; exit status 1 if not"
+    )
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be a whole number from 1")
+    return int(text)
+
+
+def reproduce(args: argparse.Namespace) -> int:
+    """Train, measure, judge, draw."""
+    if args.list:
+        return _list()
+    committed = _committed(args.check)
+    from eigenode_cli.reproduce import study as way  # noqa: PLC0415  # joblib and Hydra, only where they are needed
+    from eigenode_cli.reproduce.journal import write_tables  # noqa: PLC0415
+    from eigenode_cli.reproduce.tables import Summary, print_verdicts, write_verdicts  # noqa: PLC0415
+    from eigenode_cli.reproduce.verdicts import differences  # noqa: PLC0415
+
+    study = way.prepare(args.names, args.protocol, args.repetitions)
+    jobs = args.jobs or os.cpu_count() or 1
+    way.train(study, jobs)
+    way.examine(study, jobs)
+    verdicts = study.verdicts()
+    titles = {name: experiment.title for name, experiment in study.experiments.items()}
+    summary = Summary(study.protocol, study.repetitions, titles, _command(args, study.protocol))
+    folder = args.output or way.default_output(study)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_verdicts(folder, verdicts, summary)
+    write_tables(study, folder)
+    if not args.no_figures:
+        _draw(study, verdicts, summary, folder)
+    print_verdicts(verdicts, summary)
+    print(f"verdicts {folder / 'verdicts.md'}")
+    if committed is None:
+        return 0
+    lines = differences(verdicts, committed)
+    for line in lines:
+        print(f"eigenode: differs: {line}", file=sys.stderr)
+    if not lines:
+        print(f"the verdicts agree with {args.check}")
+    return 1 if lines else 0
+
+
+def _draw(study: Any, verdicts: Any, summary: Any, folder: Path) -> None:
+    from eigenode_cli.reproduce.figures import draw_all  # noqa: PLC0415  # matplotlib
+    from eigenode_cli.reproduce.page import write_page  # noqa: PLC0415
+
+    draw_all(study, folder / "figures")
+    print(f"page     {write_page(study, verdicts, summary, folder)}")
+
+
+def _command(args: argparse.Namespace, protocol: str) -> str:
+    """The command that makes the same table, wherever it is written."""
+    words = ["eigenode", "reproduce", *args.names, "--protocol", protocol, "--repetitions", str(args.repetitions)]
+    return shlex.join(words)
+
+
+def _committed(path: Path | None) -> list[dict[str, Any]] | None:
+    """The claims of a committed verdicts.json."""
+    if path is None:
+        return None
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))["claims"]
+    except FileNotFoundError:
+        raise UserError(f"--check {path}: no such file") from None
+    except (json.JSONDecodeError, KeyError, TypeError, OSError) as error:
+        raise UserError(f"--check {path}: not a verdicts.json ({type(error).__name__}: {error})") from error
+
+
+def _list() -> int:
+    from eigenode_cli.commands.configs import print_lines  # noqa: PLC0415
+    from eigenode_cli.reproduce.library import load, names  # noqa: PLC0415
+
+    lines = {}
+    for name in names():
+        experiment = load(name)
+        runs, claims = len(experiment.runs), len(experiment.claims)
+        lines[name] = f"{experiment.title}: {runs} runs, {claims} claims ({', '.join(experiment.protocols)})"
+    print_lines(lines)
+    return 0

@@ -1,0 +1,1 @@
+"""Published figures and what is said of them, as experiments: runs, figures and claims as data."""

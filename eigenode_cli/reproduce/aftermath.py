@@ -1,0 +1,95 @@
+"""What is measured of a trained model besides its own records: time of several gradients, test from another state."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from eigenode_cli.data import Floats
+from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.select import build_engine
+from eigenode_cli.files import write_json
+from eigenode_cli.recorder import load_last
+from eigenode_cli.reference import sample
+from eigenode_cli.reproduce.measures import COST_FILE, TEST_FILE
+from eigenode_cli.reproduce.units import Unit
+from eigenode_cli.run import Setup, build, build_targets
+from eigenode_cli.solve.status import Status
+from eigenode_cli.terms import NAMES
+
+ROUNDS = 15
+"""Times that a measurement is repeated; the fastest counts, the others were disturbed."""
+SECONDS = 0.02
+"""Least duration of what is timed at once."""
+
+
+def _unheard(_message: str) -> None:
+    """Say nothing."""
+
+
+def _trained(unit: Unit) -> tuple[Setup, Floats]:
+    """The parts of a finished unit and its last parameters."""
+    setup = build(unit.config, _unheard)
+    saved = load_last(unit.folder)
+    if saved is None:
+        raise ValueError(f"{unit.folder}: no parameters were saved")
+    return setup, saved[1]
+
+
+def fastest(*calls: Callable[[], Any]) -> list[float]:
+    """Least time in s of one call of each, measured in turns."""
+    repeats = []
+    for call in calls:
+        call()  # compiles or loads what it needs
+        start = perf_counter()
+        call()
+        repeats.append(max(1, int(SECONDS / max(perf_counter() - start, 1e-9))))
+    best = [float("inf")] * len(calls)
+    for _ in range(ROUNDS):
+        for i, (call, count) in enumerate(zip(calls, repeats, strict=True)):
+            start = perf_counter()
+            for _ in range(count):
+                call()
+            best[i] = min(best[i], (perf_counter() - start) / count)
+    return best
+
+
+def measure_gradient_cost(unit: Unit) -> None:
+    """Write the time of the unit's loss Jacobian beside that of the gradient of SOL alone, in s."""
+    if (unit.folder / COST_FILE).is_file():
+        return
+    several, theta = _trained(unit)
+    one = build(replace(unit.config, grads="sol"), _unheard)
+    times = fastest(lambda: one.engine.loss_jacobian(theta), lambda: several.engine.loss_jacobian(theta))
+    content = {"sol_seconds": times[0], "all_seconds": times[1], "ratio": times[1] / times[0]}
+    write_json(unit.folder / COST_FILE, content)
+
+
+def measure_test(unit: Unit) -> None:
+    """Write SOL from the state at the last data point over one more horizon, and times and steps of the model.
+
+    The field is the trained one, with the scales that its own data gave it; only data and targets are others.
+    """
+    if (unit.folder / TEST_FILE).is_file():
+        return
+    setup, theta = _trained(unit)
+    system = unit.config.system
+    data = sample(setup.system, setup.data.states[-1], system.horizon, system.points, system.observed)
+    problem = replace(setup.problem, data=data, targets=build_targets(unit.config, setup.system, data))
+    test: Engine = build_engine(unit.config, setup.field, problem, {}, _unheard)
+    evaluation = test.evaluate(theta, data.times)
+    trained = setup.engine.evaluate(theta, setup.data.times)
+    start = setup.data.times[:1]
+    simulation, gradient = fastest(
+        lambda: setup.engine.evaluate(theta, start), lambda: setup.engine.loss_jacobian(theta)
+    )
+    content = {
+        "test_sol": float(evaluation.values[NAMES.index("sol")]) if evaluation.status is Status.OK else np.nan,
+        "simulation_seconds": simulation,
+        "gradient_seconds": gradient,
+        "accepted": trained.n_accepted,
+        "rejected": trained.n_rejected,
+    }
+    write_json(unit.folder / TEST_FILE, content)

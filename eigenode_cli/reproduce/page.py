@@ -1,0 +1,57 @@
+"""The page of a study: one self-contained HTML file with every figure beside its claims and their verdicts."""
+
+from base64 import b64encode
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from eigenode_cli.files import write_text
+from eigenode_cli.reproduce.figures import figure_numbers, svg
+from eigenode_cli.reproduce.journal import tables_of
+from eigenode_cli.reproduce.schema import Experiment
+from eigenode_cli.reproduce.study import Study
+from eigenode_cli.reproduce.tables import Summary, counts, found, seeds
+from eigenode_cli.reproduce.verdicts import Verdict
+
+
+def write_page(study: Study, verdicts: Sequence[Verdict], summary: Summary, folder: Path) -> Path:
+    """Write `index.html` and give its path; it needs no other file and no network."""
+    environment = Environment(
+        loader=PackageLoader("eigenode_cli", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    content = {
+        "protocol": summary.protocol,
+        "counts": counts(verdicts),
+        "seeds": seeds(summary.repetitions),
+        "command": summary.command,
+        "experiments": [
+            _section(study, name, experiment, [v for v in verdicts if v.experiment == name])
+            for name, experiment in study.experiments.items()
+        ],
+    }
+    path = folder / "index.html"
+    write_text(path, environment.get_template("reproduction.html.j2").render(content))
+    return path
+
+
+def _section(study: Study, name: str, experiment: Experiment, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+    """What the page shows of one experiment."""
+    figures = []
+    for spec in experiment.figures:
+        numbers = figure_numbers(experiment, spec, study.results[name])
+        if numbers is not None:
+            source = "data:image/svg+xml;base64," + b64encode(svg(numbers)).decode("ascii")
+            figures.append({"name": spec.name, "caption": spec.caption, "source": source})
+    return {
+        "name": name,
+        "title": experiment.title,
+        "figures": figures,
+        "claims": [{**vars(verdict), "found": found(verdict)} for verdict in verdicts],
+        "tables": tables_of(study, name),
+    }

@@ -1,0 +1,197 @@
+"""The way of one `eigenode reproduce`: experiments, units, training, measuring, verdicts, files."""
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from time import perf_counter
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from eigenode_cli.config.compose import run_config, typed
+from eigenode_cli.config.composer import Composer
+from eigenode_cli.config.examine import examine as examine_words
+from eigenode_cli.console import duration
+from eigenode_cli.errors import UserError, unknown
+from eigenode_cli.paths import OUTPUTS
+from eigenode_cli.reproduce.library import load, names, run_lines, words_of
+from eigenode_cli.reproduce.measures import Result
+from eigenode_cli.reproduce.schema import Experiment
+from eigenode_cli.reproduce.units import Unit, distinct, in_parallel, pending, seeded, train_unit
+from eigenode_cli.reproduce.verdicts import Verdict, judge
+
+DEFAULT_PROTOCOL = "paper"
+LINES = 20
+"""About as many lines of progress go into a pipe."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Experiments under one protocol with a number of seeds.
+
+    Attributes:
+        protocol: of every run that names none of its own.
+        experiments: by name.
+        units: of every run of every experiment, one a seed.
+    """
+
+    protocol: str
+    repetitions: int
+    experiments: dict[str, Experiment]
+    units: dict[str, dict[str, list[Unit]]]
+
+    @property
+    def all_units(self) -> list[Unit]:
+        """All units, each once, seed after seed, so that an interrupted study has whole repetitions."""
+        listed = [unit for runs in self.units.values() for units in runs.values() for unit in units]
+        return sorted(distinct(listed), key=lambda unit: unit.config.seed)
+
+    @cached_property
+    def results(self) -> dict[str, dict[str, list[Result]]]:
+        """The result of every unit, in the order of `units`; read when a measure first asks for it."""
+        known = {unit.folder: Result(unit) for unit in self.all_units}
+        return {
+            name: {label: [known[unit.folder] for unit in units] for label, units in runs.items()}
+            for name, runs in self.units.items()
+        }
+
+    def measured(self, measure: str) -> list[Unit]:
+        """Units that a claim asks this measure of."""
+        return distinct(
+            [
+                unit
+                for name, experiment in self.experiments.items()
+                for claim in experiment.claims
+                if claim.measure == measure
+                for label in (claim.run, claim.against)
+                if label is not None
+                for unit in self.units[name][label]
+            ]
+        )
+
+    def tabled(self) -> list[Unit]:
+        """Units of the experiments that ask for the journal's table."""
+        listed = [self.units[name] for name, experiment in self.experiments.items() if experiment.table]
+        return distinct([unit for runs in listed for units in runs.values() for unit in units])
+
+    def verdicts(self) -> list[Verdict]:
+        """The verdict on every claim."""
+        return [
+            judge(name, claim, self.results[name])
+            for name, experiment in self.experiments.items()
+            for claim in experiment.claims
+        ]
+
+
+def choose(wanted: Sequence[str], protocol: str | None) -> tuple[str, dict[str, Experiment]]:
+    """Protocol and experiments: those named, or all that are made for the protocol.
+
+    Args:
+        wanted: names of shipped experiments, or paths of files of your own, which end in .yaml.
+        protocol: of all runs; None for the first that the first experiment is made for.
+
+    Raises:
+        UserError: with all that are wrong, or no experiment is made for the protocol.
+    """
+    experiments: dict[str, Experiment] = {}
+    faults: list[str] = []
+    for name in wanted or names():
+        try:
+            experiments[Path(name).stem] = load(name)
+        except UserError as error:
+            faults += error.faults
+    if faults:
+        raise UserError(faults)
+    if wanted:
+        return protocol or next(iter(experiments.values())).protocols[0], experiments
+    chosen = protocol or DEFAULT_PROTOCOL
+    mine = {name: experiment for name, experiment in experiments.items() if chosen in experiment.protocols}
+    if not mine:
+        raise UserError(f"--protocol {chosen}: no experiment is made for it; name the experiments to run under it")
+    return chosen, mine
+
+
+def prepare(wanted: Sequence[str], protocol: str | None, repetitions: int) -> Study:
+    """Check everything and plan the units.
+
+    Raises:
+        UserError: with all faults, before anything is trained.
+    """
+    composer = Composer()
+    if protocol is not None and protocol not in composer.choices("protocol"):
+        raise UserError(f"--protocol {protocol}: {unknown('protocol', protocol, composer.choices('protocol'))}")
+    chosen, experiments = choose(wanted, protocol)
+    faults: list[str] = []
+    units: dict[str, dict[str, list[Unit]]] = {name: {} for name in experiments}
+    for name, experiment in experiments.items():
+        for label, run in experiment.runs.items():
+            words = words_of(run, chosen)
+            found = examine_words(composer, words)
+            faults += run_lines(name, label, found)
+            if not faults:
+                units[name][label] = seeded(typed(run_config(found)), words, repetitions)
+    if faults:
+        raise UserError(faults)
+    return Study(chosen, repetitions, experiments, units)
+
+
+def train(study: Study, jobs: int) -> None:
+    """Train what is not finished yet."""
+    units = study.all_units
+    todo = pending(units)
+    print(f"protocol {study.protocol}: {len(units)} runs, {len(units) - len(todo)} of them finished before")
+    start = perf_counter()
+    failed = 0
+    with _counter("training", len(todo)) as done:
+        for status in in_parallel(train_unit, todo, jobs):
+            failed += status != 0
+            done()
+    if todo:
+        print(f"trained {len(todo)} runs in {duration(perf_counter() - start)}" + (f", {failed} failed" * (failed > 0)))
+
+
+def examine(study: Study, jobs: int) -> None:
+    """Measure what the records do not hold: the test of the journal in parallel, times alone and one by one."""
+    from eigenode_cli.reproduce.aftermath import measure_gradient_cost, measure_test  # noqa: PLC0415  # torch
+
+    tested = [unit for unit in distinct([*study.tabled(), *study.measured("test_sol")]) if unit.status == "finished"]
+    with _counter("testing", len(tested)) as done:
+        for _ in in_parallel(measure_test, tested, jobs):
+            done()
+    for unit in study.measured("gradient_cost"):
+        if unit.status == "finished":
+            measure_gradient_cost(unit)
+
+
+def default_output(study: Study) -> Path:
+    """Where verdicts and figures go if the user says nothing."""
+    return OUTPUTS / "reproduce" / study.protocol
+
+
+@contextmanager
+def _counter(what: str, total: int) -> Iterator[Callable[[], None]]:
+    """A progress bar on a terminal, some plain lines in a pipe; yields what to call after each piece."""
+    if not total:
+        yield _nothing
+        return
+    if sys.stdout.isatty():
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with Progress(*columns) as progress:
+            task = progress.add_task(what, total=total)
+            yield lambda: progress.advance(task)
+        return
+    count = 0
+
+    def advance() -> None:
+        nonlocal count
+        count += 1
+        if count == total or count % max(1, total // LINES) == 0:
+            print(f"{what} {count}/{total}", flush=True)
+
+    yield advance
+
+
+def _nothing() -> None:
+    """Nothing to count."""

@@ -1,0 +1,133 @@
+"""The verdict table: on the console, as Markdown, CSV and JSON."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from eigenode_cli.files import write_json, write_table, write_text
+from eigenode_cli.reproduce.verdicts import FAILS, HOLDS, MIXED, UNDEFINED, Verdict
+
+HEADER = ("claim", "place", "expected", "found (quartiles)", "seeds", "failures", "verdict")
+COLORS = {HOLDS: "green", MIXED: "yellow", FAILS: "red", UNDEFINED: "red"}
+NOTHING = "\N{EN DASH}"
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a table is about: protocol, repetitions, and the title of every experiment by its name."""
+
+    protocol: str
+    repetitions: int
+    titles: dict[str, str]
+    command: str
+
+
+def number(value: float | None) -> str:
+    """Three significant digits, `never` for a step that was not reached, a dash where there is no number."""
+    if value is None:
+        return NOTHING
+    if math.isinf(value):
+        return "never"
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def found(verdict: Verdict) -> str:
+    """Median with quartiles in brackets, the number alone where there is no spread."""
+    if verdict.median is None or verdict.q25 == verdict.q75:
+        return number(verdict.median)
+    return f"{number(verdict.median)} [{number(verdict.q25)}, {number(verdict.q75)}]"
+
+
+def cells(verdict: Verdict) -> tuple[str, ...]:
+    """A row of the table as text, in the order of `HEADER`."""
+    return (
+        verdict.sentence,
+        verdict.place,
+        verdict.expected,
+        found(verdict),
+        f"{verdict.kept} of {verdict.seeds}",
+        str(verdict.failures),
+        verdict.verdict,
+    )
+
+
+def counts(verdicts: Sequence[Verdict]) -> str:
+    """How many claims hold, are mixed, fail."""
+    listed = [verdict.verdict for verdict in verdicts]
+    parts = [f"{listed.count(name)} {name}" for name in (HOLDS, MIXED, FAILS, UNDEFINED) if name in listed]
+    return f"{len(listed)} claims: " + ", ".join(parts)
+
+
+def seeds(count: int) -> str:
+    """A number of seeds in words."""
+    return "1 seed" if count == 1 else f"{count} seeds"
+
+
+def print_verdicts(verdicts: Sequence[Verdict], summary: Summary) -> None:
+    """Print one table an experiment: boxed on a terminal, one line a claim in a pipe."""
+    console = Console()
+    for name, title in summary.titles.items():
+        rows = [verdict for verdict in verdicts if verdict.experiment == name]
+        if not rows:
+            continue
+        if console.is_terminal:
+            table = Table(*HEADER, title=f"{title} ({name})", title_justify="left")
+            for verdict in rows:
+                color = COLORS[verdict.verdict]
+                table.add_row(*cells(verdict)[:-1], f"[bold {color}]{verdict.verdict}[/]")
+            console.print(table)
+        else:
+            print(f"\n{title} ({name})")
+            for verdict in rows:
+                line = f"{verdict.expected}: {found(verdict)}, {verdict.kept} of {verdict.seeds} seeds"
+                failed = f", {verdict.failures} failed" if verdict.failures else ""
+                print(f"{verdict.verdict:<9}  {verdict.sentence}  ({verdict.place}; {line}{failed})")
+    print(f"\nprotocol {summary.protocol}, {seeds(summary.repetitions)}, {counts(verdicts)}")
+
+
+def write_verdicts(folder: Path, verdicts: Sequence[Verdict], summary: Summary) -> None:
+    """Write verdicts.md, verdicts.csv and verdicts.json."""
+    write_text(folder / "verdicts.md", markdown(verdicts, summary))
+    numbers = ("low", "q25", "median", "q75", "high")
+    columns = ("experiment", "claim", "sentence", "place", "expected", *numbers, "kept", "seeds", "failures", "verdict")
+    rows = [[_cell(getattr(verdict, column)) for column in columns] for verdict in verdicts]
+    write_table(folder / "verdicts.csv", columns, rows)
+    content = {
+        "protocol": summary.protocol,
+        "repetitions": summary.repetitions,
+        "command": summary.command,
+        "claims": [verdict.as_json() for verdict in verdicts],
+    }
+    write_json(folder / "verdicts.json", content)
+
+
+def _cell(value: float | int | str | None) -> float | int | str:
+    if value is None:
+        return ""
+    return "inf" if isinstance(value, float) and math.isinf(value) else value
+
+
+def markdown(verdicts: Sequence[Verdict], summary: Summary) -> str:
+    """The table as Markdown, one section an experiment."""
+    lines = [
+        f"# Claims under protocol={summary.protocol}, {seeds(summary.repetitions)}",
+        "",
+        f"{counts(verdicts)}. Made by `{summary.command}`.",
+        "",
+        "A claim holds if at least 80 % of the seeds show it, fails if at most 20 % do, and is mixed between; where the"
+        " median is expected, the median decides. Numbers found are medians over the seeds with quartiles in brackets.",
+    ]
+    for name, title in summary.titles.items():
+        rows = [verdict for verdict in verdicts if verdict.experiment == name]
+        if rows:
+            lines += ["", f"## {title} (`{name}`)", "", _row(HEADER), _row(["---"] * len(HEADER))]
+            lines += [_row([*cells(verdict)[:-1], f"**{verdict.verdict}**"]) for verdict in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _row(texts: Sequence[str]) -> str:
+    return "| " + " | ".join(text.replace("|", r"\|") for text in texts) + " |"

@@ -1,0 +1,104 @@
+"""Units, a run of an experiment with one seed: planned once, trained once, found again ever after."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from joblib import Parallel, delayed
+from joblib.externals.loky import get_reusable_executor
+from omegaconf import OmegaConf
+
+from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.paths import OUTPUTS, slug
+
+FINISHED = "finished"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One training: its configuration, its folder, and the words that start it by hand."""
+
+    config: TrainConfig
+    folder: Path
+    words: tuple[str, ...]
+
+    def record(self) -> dict[str, Any] | None:
+        """What run.json says, None where there is none or it was cut off by a kill."""
+        try:
+            return json.loads((self.folder / "run.json").read_text())
+        except (FileNotFoundError, json.JSONDecodeError):
+            return None
+
+    @property
+    def status(self) -> str | None:
+        """How it stands: running | finished | failed | interrupted; None where this configuration was never started."""
+        record = self.record()
+        return record["status"] if record is not None and record["config"] == container(self.config) else None
+
+
+def container(config: TrainConfig) -> dict[str, Any]:
+    """A configuration as it stands in run.json."""
+    plain = OmegaConf.to_container(OmegaConf.structured(config), resolve=True)
+    return json.loads(json.dumps(plain))
+
+
+def folder_of(config: TrainConfig) -> Path:
+    """The folder of a unit: named for people, and by a hash of every setting but the seed."""
+    settings = container(config) | {"seed": None}
+    mark = hashlib.sha1(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:8]
+    name = slug(f"{config.system.name}_{config.grads}")
+    return OUTPUTS / "reproduce" / slug(config.protocol) / "runs" / f"{name}-{mark}" / f"seed{config.seed:04d}"
+
+
+def seeded(config: TrainConfig, words: Sequence[str], repetitions: int) -> list[Unit]:
+    """The units of a run with the seeds 0, 1, ...; the seed alone decides the initial weights, so they are paired.
+
+    Args:
+        config: the run's configuration with any seed.
+        words: of `eigenode train`, but for the seed.
+        repetitions: number of seeds.
+    """
+    configs = [replace(config, seed=seed) for seed in range(repetitions)]
+    return [Unit(one, folder_of(one), (*words, f"seed={one.seed}")) for one in configs]
+
+
+def distinct(units: Sequence[Unit]) -> list[Unit]:
+    """The units without those that another experiment asks for as well."""
+    return list({unit.folder: unit for unit in units}.values())
+
+
+def pending(units: Sequence[Unit]) -> list[Unit]:
+    """The units that are not finished."""
+    return [unit for unit in units if unit.status != FINISHED]
+
+
+def train_unit(unit: Unit) -> int:
+    """Train one unit, go on with it where it was killed, or leave it where it is finished; returns the exit status."""
+    from eigenode_cli import run  # noqa: PLC0415  # torch, in the process that trains
+
+    if unit.status == FINISHED:
+        return 0
+    record = unit.record()
+    if record is not None and unit.status in ("running", "interrupted"):
+        return run.resume(unit.config, unit.folder, record, quiet=True)
+    unit.folder.mkdir(parents=True, exist_ok=True)
+    return run.train(unit.config, unit.folder, unit.words, quiet=True)
+
+
+def in_parallel(task: Callable[[Unit], Any], units: Sequence[Unit], jobs: int) -> Iterator[Any]:
+    """Results of `task` on every unit as they come, from `jobs` processes.
+
+    An interruption ends the processes as well; what they had saved is where the next call goes on.
+    """
+    if not units:
+        return
+    try:
+        parallel = Parallel(n_jobs=min(jobs, len(units)), return_as="generator_unordered")
+        yield from parallel(delayed(task)(unit) for unit in units)
+    except (KeyboardInterrupt, GeneratorExit):
+        if jobs > 1:
+            get_reusable_executor().shutdown(wait=False, kill_workers=True)
+        raise

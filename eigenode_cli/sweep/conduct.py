@@ -1,0 +1,79 @@
+"""A sweep from beginning to end: what is finished is skipped, the rest run, all of it summarised, whatever failed."""
+
+import sys
+from collections.abc import Callable, Sequence
+
+from eigenode_cli.config.sweep import Job
+from eigenode_cli.sweep.plan import Sweep, check_folder, write_plan
+from eigenode_cli.sweep.progress import watched
+from eigenode_cli.sweep.state import forget_failure, read_state
+from eigenode_cli.sweep.summary import failure_lines, group, read_rows, show_table, write_summary
+
+INTERRUPTED = 130
+Start = Callable[[Sequence[Job]], None]
+"""Runs the jobs it is given and returns when all have ended."""
+
+
+def conduct(sweep: Sweep, start: Start) -> int:
+    """Bring a sweep to its end; returns the exit status (0 done, 1 a run failed, 130 interrupted).
+
+    Args:
+        sweep: the checked sweep.
+        start: runs what is left of it.
+
+    Raises:
+        UserError: its folder holds something else, or the launcher refuses its settings.
+    """
+    check_folder(sweep)
+    write_plan(sweep)
+    states = {job: read_state(sweep.place(job)) for job in sweep.jobs}
+    pending = [job for job in sweep.jobs if states[job].status != "finished"]
+    _announce(sweep, pending, sum(state.status == "interrupted" for state in states.values()))
+    for job in pending:
+        if states[job].status == "failed":
+            forget_failure(sweep.place(job))
+    broken: Exception | None = None
+    interrupted = False
+    try:
+        if pending:
+            with watched(sweep):
+                start(pending)
+    except KeyboardInterrupt:
+        interrupted = True
+    except (RuntimeError, OSError) as error:  # the launcher itself: a worker that was killed, a full disk
+        broken = error
+    return _finish(sweep, interrupted, broken)
+
+
+def _announce(sweep: Sweep, pending: Sequence[Job], resumed: int) -> None:
+    done = len(sweep.jobs) - len(pending)
+    parts = [f"{len(sweep.jobs)} runs"]
+    if done:
+        parts.append(f"{done} finished already, skipped")
+    if resumed:
+        parts.append(f"{resumed} resumed")
+    print(f"sweep  {', '.join(parts)}\nfolder {sweep.folder}", flush=True)
+
+
+def _finish(sweep: Sweep, interrupted: bool, broken: Exception | None) -> int:
+    """Write the summary and say what happened; returns the exit status."""
+    from eigenode_cli.sweep.figure import draw_summary  # noqa: PLC0415  # matplotlib, once the runs have ended
+
+    rows = read_rows(sweep)
+    groups = group(rows)
+    paths = [write_summary(sweep.folder, rows)]
+    if any(row.state.status == "finished" for row in rows):
+        paths += draw_summary(sweep.folder, groups)
+        show_table(groups)
+    for path in paths:
+        print(path)
+    for line in failure_lines(rows):
+        print(line, file=sys.stderr)
+    left = sum(row.state.status not in ("finished", "failed") for row in rows)
+    if broken is not None:
+        print(f"eigenode: the launcher failed: {type(broken).__name__}: {broken}", file=sys.stderr)
+    if left:
+        print(f"{left} of {len(rows)} runs are left; go on with: eigenode resume {sweep.folder}", file=sys.stderr)
+    if interrupted:
+        return INTERRUPTED
+    return 1 if broken is not None or left or any(row.state.status == "failed" for row in rows) else 0

@@ -1,0 +1,82 @@
+"""One run of a sweep, in whatever process a launcher starts it."""
+
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from eigenode_cli.config.compose import finalise, typed
+from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.console import Display
+from eigenode_cli.sweep.plan import read_plan
+from eigenode_cli.sweep.state import ERROR, locked, recorded
+
+INTERRUPTED = 130
+
+
+def work(config: DictConfig) -> int:
+    """Run one job, as Hydra's launchers call it; returns its exit status.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; the worker must not take the next one.
+    """
+    job = HydraConfig.get()
+    folder = Path(job.runtime.output_dir)
+    status = contained(folder, lambda: attempt(typed(finalise(config)), folder, job.overrides.task))
+    if status == INTERRUPTED:
+        raise KeyboardInterrupt
+    return status
+
+
+def contained(folder: Path, action: Callable[[], int]) -> int:
+    """What `action` returns; 1 if it raises, which then stands in error.txt: the other runs go on."""
+    try:
+        return action()
+    except Exception:
+        keep_error(folder, traceback.format_exc())
+        return 1
+
+
+def attempt(config: TrainConfig, folder: Path, words: Sequence[str], watch: Display | None = None) -> int:
+    """Bring the run in `folder` to its end: start it, go on with it, or leave it where it is finished.
+
+    Args:
+        config: the checked configuration.
+        folder: the run's, within the sweep's.
+        words: what makes this run, for its record.
+        watch: is shown every record.
+
+    Returns:
+        The exit status: 0 done, 1 failed, 130 interrupted.
+    """
+    from eigenode_cli import run  # noqa: PLC0415  # torch, in the process that trains only
+
+    if not figures_chosen(words):
+        config.trainer.figures = False
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder):
+        state = recorded(folder)
+        if state.status == "finished":
+            return 0
+        if state.status in ("interrupted", "running"):
+            status = run.resume(config, folder, state.record, quiet=True, watch=watch)
+        else:
+            status = run.train(config, folder, list(words), quiet=True, watch=watch)
+        if status == 1:
+            error = folder / ERROR
+            keep_error(folder, error.read_text() if error.exists() else recorded(folder).error)
+    return status
+
+
+def figures_chosen(words: Sequence[str]) -> bool:
+    """Whether the user said if runs are drawn; many runs are not, by default."""
+    return any(word.startswith("trainer.figures=") for word in words)
+
+
+def keep_error(folder: Path, text: str) -> None:
+    """Write error.txt: the command that repeats the run, then what went wrong."""
+    sweep = read_plan(folder.parent)
+    commands = [sweep.repeat(job) for job in sweep.jobs if job.name == folder.name]
+    (folder / ERROR).write_text("\n".join(["repeat it with:", *commands, "", text.strip(), ""]))
