@@ -20,7 +20,8 @@ class LossJacobian:
         values: of the L named terms `(L,)`, unscaled; NaN where a failed solve leaves a term undefined.
         gradients: their derivatives in the P parameters `(L, P)`; a row of NaN where undefined.
         trajectory: states at the data times `(N, n)`; NaN where the solve did not arrive.
-        spectra: eigenvalues in 1/s at every `eigen.every`-th data time `(T, n)`; NaN where not reached.
+        spectra: eigenvalues in 1/s at every `eigen.every`-th data time `(T, n)`; NaN where not reached, and everywhere
+            if no term but SOL is named.
         status: how the solve ended.
         n_accepted, n_rejected: solver steps.
         guard_count: eigenvalue sensitivities that the condition guard bounded.

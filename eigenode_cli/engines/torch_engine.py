@@ -87,8 +87,11 @@ class TorchEngine:
         trajectory = solve(self.field, self._start, self._times, problem.solver, steps)
         index = problem.spectral_index
         reached = int(np.searchsorted(index, trajectory.states.shape[0]))
-        spectra, guard_count = self._spectra(trajectory.states[index[:reached]])
         along = np.full((index.size, self._start.numel()), np.nan, dtype=np.complex128)
+        if terms == ("sol",):
+            nothing = torch.empty((0, self._start.numel()), dtype=torch.complex128)
+            return _Forward(self._values(terms, trajectory, nothing, problem.targets), trajectory, along, 0)
+        spectra, guard_count = self._spectra(trajectory.states[index[:reached]])
         along[:reached] = spectra.detach().numpy()
         targets = problem.targets
         if trajectory.status is not Status.OK and problem.stabilise:

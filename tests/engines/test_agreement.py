@@ -133,6 +133,20 @@ def test_failed_solve_stabilises_alike() -> None:
     assert np.isfinite(compiled.values[1:]).all()
 
 
+def test_solution_alone_takes_no_spectra(case: Case) -> None:
+    field, problem = case.field(seed=8), case.problem(terms=("sol",))
+    theta = flat_parameters(field)
+    compiled = CompiledEngine(shape_of(field), problem)
+    ours = compiled.loss_jacobian(theta)
+    reference = TorchEngine(field, problem, {}).loss_jacobian(theta, compiled.steps.tolist())
+    assert_same(ours, reference, 1e-9)
+    assert np.isnan(ours.spectra).all()
+    assert ours.guard_count == reference.guard_count == 0
+    everything = CompiledEngine(shape_of(field), case.problem()).loss_jacobian(theta)
+    assert ours.values[0] == everything.values[0]
+    np.testing.assert_allclose(ours.gradients[0], everything.gradients[0], rtol=1e-12)
+
+
 def test_users_own_terms() -> None:
     case = make_case("vdp")
 

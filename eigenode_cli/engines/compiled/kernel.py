@@ -124,7 +124,7 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
         vectors: whether what the pullback needs of the spectra is computed.
         values: filled with the terms `(L,)`, NaN where undefined or the user's.
         states: filled with the trajectory `(N, n)`.
-        spectra: filled with the eigenvalues along it `(T, n)`.
+        spectra: filled with the eigenvalues along it `(T, n)`, NaN if no term but SOL is named.
 
     Returns:
         Status, or `integrate.FULL`.
@@ -136,8 +136,28 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
         core.net, core.method, steps, given.size, start_of(given), start, setup.outputs, times, trajectory
     )
     outcome[STATUS], outcome[ACCEPTED], outcome[REJECTED], outcome[REACHED] = status, accepted, rejected, reached
-    outcome[SPECTRA], outcome[GUARDED] = setup.rows, 0
-    counted = setup.rows
+    outcome[SPECTRA], outcome[GUARDED] = 0, 0
+    if _spectra_are_wanted(codes):
+        _take_spectra(core, status, reached, trajectory, vectors, spectra)
+    else:
+        spectra[:, :] = complex(math.nan, math.nan)
+    _evaluate_terms(core, codes, values, states)
+    return status
+
+
+@njit_inner
+def _spectra_are_wanted(codes):
+    for code in codes:
+        if code != SOL:
+            return True
+    return False
+
+
+@njit_inner
+def _take_spectra(core, status, reached, trajectory, vectors, spectra):
+    """Spectra along the trajectory, and at the data states too where a failed solve stabilises."""
+    setup, outcome, n = core.setup, integers(core.work.outcome, 0), core.net.n
+    outcome[SPECTRA], counted = setup.rows, setup.rows
     if status != OK and setup.stabilise:
         counted = _stabilising_rows(core, reached, trajectory)
     for t in range(setup.rows):
@@ -154,8 +174,6 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
         for t in range(setup.rows):
             state = doubles(setup.references, t * n)
             outcome[GUARDED] += _spectrum_at(core, state, setup.rows + t, vectors)
-    _evaluate_terms(core, codes, values, states)
-    return status
 
 
 @njit_inner
@@ -176,6 +194,7 @@ def _stabilising_rows(core, reached, trajectory):
 def solve(core, steps, given, times, states):
     """States `(D, n)` at other `times (D,)`, of a solve from the same initial state; returns as `integrate`."""
     start = doubles(core.setup.start, 0)
+    mirror_weights(core.net)
     return integrate(
         core.net, core.method, steps, given.size, start_of(given), start, times.size, start_of(times), start_of(states)
     )[0]
