@@ -1,5 +1,6 @@
 """The command line as a whole: exit codes, folders, and what is handed to a run."""
 
+import json
 import os
 import re
 import signal
@@ -20,6 +21,8 @@ from eigenode_cli.config.schema import MlpConfig, TrainConfig
 from eigenode_cli.paths import claim_folder, slug
 
 ROOT = Path(eigenode_cli.__file__).parents[1]
+BASIC = "hydra/launcher=basic"
+"""Runs a sweep in this process, where stand-ins are seen."""
 
 
 class Runs(list[tuple[TrainConfig, Path]]):
@@ -34,9 +37,12 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
     recorded = Runs()
     module = ModuleType("eigenode_cli.run")
 
-    def train(config: TrainConfig, folder: Path, overrides: list[str]) -> int:
+    def train(config: TrainConfig, folder: Path, overrides: list[str], **_: object) -> int:
         assert all(isinstance(word, str) for word in overrides)
-        (folder / "run.json").write_text("{}")
+        status = {0: "finished", 1: "failed", 130: "interrupted"}[recorded.status]
+        (folder / "run.json").write_text(
+            json.dumps({"status": status, "error": "no glue" if recorded.status else None})
+        )
         recorded.append((config, folder))
         return recorded.status
 
@@ -92,22 +98,23 @@ def test_own_folder_wins_and_is_not_overwritten(runs: Runs, capsys: pytest.Captu
 
 
 def test_a_sweep(runs: Runs) -> None:
-    assert main(["train", "-m", "system=vdp,oscillator", "grads=frq+sol,sol", "seed=range(2)"]) == 0
+    assert main(["train", "-m", "system=vdp,oscillator", "grads=frq+sol,sol", "seed=range(2)", BASIC]) == 0
     assert len(runs) == 8
     assert len({folder.parent for _, folder in runs}) == 1
-    assert re.fullmatch(r"\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d_sweep", runs[0][1].parent.name)
+    shown = r"sweep_grads=sol\+frq,sol,seed=range-2-,system=vdp,oscillator-[0-9a-f]{8}"
+    assert re.fullmatch(shown, runs[0][1].parent.name)
     assert runs[0][1].name == "grads=sol+frq,seed=0,system=vdp"
 
 
 def test_flags_may_stand_anywhere(runs: Runs) -> None:
-    assert main(["train", "seed=0,1", "-m", "system=vdp"]) == 0
+    assert main(["train", "seed=0,1", "-m", "system=vdp", BASIC]) == 0
     assert [config.seed for config, _ in runs] == [0, 1]
 
 
 @pytest.mark.parametrize(("status", "started"), [(1, 2), (130, 1)])
 def test_the_status_of_a_sweep(runs: Runs, status: int, started: int) -> None:
     runs.status = status
-    assert main(["train", "-m", "seed=0,1"]) == status
+    assert main(["train", "-m", "seed=0,1", BASIC]) == status
     assert len(runs) == started
 
 
@@ -121,7 +128,7 @@ def test_calls_leave_the_process_as_it_was(runs: Runs) -> None:
     before = (list(sys.argv), list(sys.path), dict(os.environ), signal.getsignal(signal.SIGTERM))
     assert main(["train"]) == 0
     assert main(["train", "sede=1"]) == 2
-    assert main(["train", "-m", "seed=0,1"]) == 0
+    assert main(["train", "-m", "seed=0,1", BASIC]) == 0
     assert (list(sys.argv), list(sys.path), dict(os.environ), signal.getsignal(signal.SIGTERM)) == before
     assert len(runs) == 3
 
@@ -164,7 +171,7 @@ def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"eigenode {__version__}\n"
     assert main([]) == 0
     out = capsys.readouterr().out
-    assert all(f"\n    {command.name} " in out for command in COMMANDS)
+    assert all(re.search(rf"\n    {command.name}\s", out) for command in COMMANDS)
 
 
 def test_list(capsys: pytest.CaptureFixture[str]) -> None:
@@ -178,18 +185,24 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list", "protocol"]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "authors  the code behind the figures of the paper's first version",
+        "journal  the authors' code for the later journal version, its quirks included",
         "paper    the text of the paper, gaps filled from the authors' first code",
     ]
 
 
 @pytest.mark.parametrize(
     ("faults", "status", "said"),
-    [([], 0, "7 configurations from 2 files are valid\n"), (["a", "b"], 2, "eigenode: error: a\neigenode: error: b\n")],
+    [
+        ([], 0, "7 configurations from 2 files are valid\n5 runs of 3 experiments are valid\n"),
+        (["a", "b"], 2, "eigenode: error: a\neigenode: error: b\n"),
+    ],
 )
 def test_validate(
     faults: list[str], status: int, said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(configs, "validate", lambda composer: Validation(7, {"x.yaml", "y.yaml"}, faults))
+    experiments = SimpleNamespace(compositions=5, experiments=3, faults=[])
+    monkeypatch.setattr(configs, "check_all", lambda composer: experiments)
     assert main(["validate"]) == status
     captured = capsys.readouterr()
     assert captured.out + captured.err == said
@@ -241,7 +254,7 @@ def test_plot_and_report_print_what_they_wrote(
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("eigenode tr", "train resume plot report bench list validate"),
+        ("eigenode tr", "train reproduce resume plot report bench list validate"),
         ("eigenode train system=", "system=oscillator system=sparse_oscillator system=vdp"),
         ("eigenode train scale.s", "scale.sol= scale.stb= scale.stf="),
         ("eigenode plot ", ""),

@@ -79,10 +79,10 @@ def test_grads_are_canonical() -> None:
 
 
 def test_typed_objects_have_the_class_of_the_choice() -> None:
-    config = typed(compose(["solver=rk4", "network=polynomial", "engine=compiled"]))
+    config = typed(compose(["solver=rk4", "engine=compiled"]))
     assert isinstance(config.solver, FixedSolverConfig)
-    assert isinstance(config.network, PolynomialConfig)
     assert isinstance(config.engine, CompiledEngineConfig)
+    assert isinstance(typed(compose(["network=polynomial"])).network, PolynomialConfig)
 
 
 @pytest.mark.parametrize("words", [[], ["solver=rk4", "target=stated", "grads=sol", "combine=mix", "engine=compiled"]])

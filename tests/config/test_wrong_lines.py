@@ -20,6 +20,8 @@ WRONG = [
     ("train +system=vdp", "+system=vdp: there is one chosen already; write system=vdp"),
     ("train ~solver", "~solver: every run needs one; choose solver=..."),
     ("train system=[vdp]", "system=[vdp]: unknown system '['vdp']'"),
+    ("train engine=compiled solver=bosh3", "engine=compiled: it has no solver=bosh3 (it knows tsit5, dopri5, rk4)"),
+    ("train trainer.horizons=[0.5,0.2]", "trainer.horizons=[0.5,0.2]: must be growing fractions that end with 1"),
     # keys
     ("train sede=3", "sede=3: unknown setting 'sede', did you mean seed? 'eigenode train --cfg job' lists all"),
     ("train lr=3", "lr=3: unknown setting 'lr', did you mean optimizer.lr?"),
