@@ -112,14 +112,13 @@ def _parse(words: Sequence[str]) -> argparse.Namespace:
 def _check(args: argparse.Namespace, composer: Composer) -> _Checked:
     """Check the whole command line, every run of a sweep included."""
     hydra_words = [word for word in args.overrides if is_hydras(word)]
-    missing = launcher_faults(hydra_words)
+    if missing := launcher_faults(hydra_words):
+        raise UserError(missing)
     found = examine(composer, hydra_words if args.multirun else args.overrides)
     sweep = args.multirun or (found.config is not None and found.config.hydra.mode == RunMode.MULTIRUN)
     if sweep and found.config is not None:
         swept = examine_sweep(composer, found.config, args.overrides)
-        swept.faults[:0] = missing
         return _Checked(swept.checked(), swept.jobs, swept.kinds)
-    found.faults[:0] = missing
     config = found.checked()
     jobs = repeated(composer, config, args.overrides) if config.repetitions > 1 else []
     return _Checked(config, jobs, [(config, config.repetitions)])

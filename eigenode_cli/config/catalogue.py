@@ -94,8 +94,6 @@ def _combinations(composer: Composer) -> Iterator[tuple[str, ...]]:
     for group in composer.groups:
         for name in composer.choices(group):
             yield (f"{group}={name}", *COMPANIONS.get(f"{group}={name}", ()))
-    for launcher in composer.choices("hydra/launcher"):
-        yield (f"hydra/launcher={launcher}",)
     for protocol in composer.choices("protocol"):
         for system in composer.choices("system"):
             yield (f"protocol={protocol}", f"system={system}")

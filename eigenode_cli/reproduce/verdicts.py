@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import betabinom
 
 from eigenode_cli.data import Floats
 from eigenode_cli.reproduce.measures import MEASURES, TIMED, Result
@@ -13,6 +14,8 @@ from eigenode_cli.reproduce.schema import ClaimSpec
 HOLDS, MIXED, FAILS, UNDEFINED = "holds", "mixed", "fails", "undefined"
 MOST = 0.8
 """A claim holds if at least this share of the seeds shows it, and fails if at most the rest does; mixed between."""
+LEAST_CHANCE = 0.005
+"""Chance below which the seeds of a check are taken to contradict the committed ones."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +117,9 @@ def _verdict(claim: ClaimSpec, values: Floats, kept: int) -> str:
         return UNDEFINED
     if claim.statistic == "median":
         return HOLDS if _keeps(claim, np.array([quantile(known, 0.5)]))[0] else FAILS
-    share = kept / values.size
-    return HOLDS if share >= MOST else FAILS if share <= 1.0 - MOST else MIXED
+    if kept >= MOST * values.size:
+        return HOLDS
+    return FAILS if values.size - kept >= MOST * values.size else MIXED
 
 
 def quantile(values: Floats, q: float) -> float:
@@ -151,8 +155,9 @@ def expected(claim: ClaimSpec) -> str:
 def differences(found: Sequence[Verdict], committed: Sequence[Mapping[str, Any]]) -> list[str]:
     """Claims on which `found` differs from a committed table beyond that table's spread, one line each.
 
-    A verdict may differ where fewer seeds are looked at; it counts as different only if the median found also lies
-    outside of the committed range, smallest to largest. Times belong to a machine and are not compared.
+    Few seeds, or another machine's rounding, may well give another verdict. It counts as different only where so many
+    (or so few) seeds that keep the bounds are not to be expected from the committed k of N. Times belong to a machine
+    and are not compared.
     """
     known = {(row["experiment"], row["claim"]): row for row in committed}
     lines = []
@@ -161,19 +166,19 @@ def differences(found: Sequence[Verdict], committed: Sequence[Mapping[str, Any]]
         name = f"{verdict.experiment}/{verdict.claim}"
         if row is None:
             lines.append(f"{name}: not in the committed table")
-        elif not verdict.timed and verdict.verdict != row["verdict"] and not _within(verdict.median, row):
-            lines.append(
-                f"{name}: {verdict.verdict} with a median of {_text(verdict.median)}, committed is {row['verdict']}"
-                f" with {_text(row['low'])} to {_text(row['high'])}"
-            )
+        elif not verdict.timed and verdict.verdict != row["verdict"]:
+            chance = probability(verdict.kept, verdict.seeds, row["kept"], row["seeds"])
+            if chance < LEAST_CHANCE:
+                lines.append(
+                    f"{name}: {verdict.verdict} ({verdict.kept} of {verdict.seeds} seeds), committed is"
+                    f" {row['verdict']} ({row['kept']} of {row['seeds']}); the chance of this is {chance:.2g}"
+                )
     return lines
 
 
-def _within(median: float | None, row: Mapping[str, Any]) -> bool:
-    if median is None or row["low"] is None or row["high"] is None:
-        return False
-    return float(row["low"]) <= median <= float(row["high"])
-
-
-def _text(value: float | str | None) -> str:
-    return "no number" if value is None else f"{float(value):.3g}"
+def probability(kept: int, seeds: int, known_kept: int, known_seeds: int) -> float:
+    """Probability of a count as far off as `kept` of `seeds` or farther, to the same side, after `known_kept` of
+    `known_seeds`: the beta-binomial predictive distribution with Jeffreys' prior.
+    """
+    counts = betabinom(seeds, known_kept + 0.5, known_seeds - known_kept + 0.5)
+    return float(min(counts.cdf(kept), counts.sf(kept - 1)))

@@ -1,6 +1,7 @@
 """What a sweep says: one row a run, and medians, quartiles and failures over the seeds."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,12 +99,18 @@ def read_rows(sweep: Sweep) -> list[Row]:
     return [
         Row(
             job.name,
-            dict(word.lstrip("+").split("=", 1) for word in job.overrides),
+            dict(_setting(word) for word in job.overrides),
             read_state(sweep.place(job)),
             sweep.repeat(job),
         )
         for job in sweep.jobs
     ]
+
+
+def _setting(word: str) -> tuple[str, str]:
+    """Key and value of an override, without what only Hydra's grammar needs."""
+    key, _, value = word.lstrip("+").partition("=")
+    return key, re.sub(r"\\(.)", r"\1", value)
 
 
 def group(rows: Sequence[Row]) -> list[Group]:

@@ -1,11 +1,17 @@
 """`eigenode` as a process of its own, and what its sweeps leave behind."""
 
+import contextlib
 import csv
+import io
 import json
 import subprocess
 import sys
 from pathlib import Path
 
+from eigenode_cli.cli import main
+
+BASIC = "hydra/launcher=basic"
+"""Runs a sweep one after the other in this process."""
 SHORT = ("system=oscillator", "trainer.steps=20", "trainer.record_every=10")
 """Settings of runs that take a tenth of a second."""
 
@@ -27,6 +33,14 @@ def eigenode(folder: Path, *words: str) -> tuple[int, str, str]:
     process = start(folder, *words)
     out, err = process.communicate(timeout=600)
     return process.returncode, out, err
+
+
+def inside(folder: Path, *words: str) -> tuple[int, str, str]:
+    """The same within this process, which saves seconds of imports."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = main(words)
+    return status, out.getvalue(), err.getvalue()
 
 
 def rows(sweep: Path) -> list[dict[str, str]]:

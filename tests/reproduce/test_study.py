@@ -1,0 +1,125 @@
+"""The command from end to end, its choices and its mistakes; tables and files that it leaves."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from eigenode_cli.cli import main
+from eigenode_cli.errors import UserError
+from eigenode_cli.reproduce.journal import HEADER, hit_step, journal_table
+from eigenode_cli.reproduce.library import names
+from eigenode_cli.reproduce.study import Study, choose
+from eigenode_cli.reproduce.tables import found, number
+from tests.reproduce.conftest import write_experiment
+
+
+def test_what_is_chosen() -> None:
+    protocol, experiments = choose((), None)
+    assert protocol == "paper"
+    assert set(experiments) == {"cost", "local_minimum", "network", "oscillator", "sparse_oscillator", "vdp"}
+    assert set(choose((), "journal")[1]) == {name for name in names() if name.startswith("journal_")}
+    assert choose(["journal_vdp"], None)[0] == "journal"
+    assert choose(["journal_vdp"], "paper")[0] == "paper"
+    with pytest.raises(UserError) as caught:
+        choose(["vpd", "oscilator"], None)
+    assert len(caught.value.faults) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--repetitions 0", "0: must be a whole number from 1"),
+        ("--jobs two", "two: must be a whole number from 1"),
+        ("--protocol papr", "--protocol papr: unknown protocol 'papr', did you mean paper?"),
+        ("vpd", "reproduce vpd: unknown experiment 'vpd', did you mean vdp?"),
+        ("--check gone.json", "--check gone.json: no such file"),
+        ("--check small.yaml", "--check small.yaml: not a verdicts.json"),
+    ],
+)
+def test_mistakes(words: str, said: str, elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_experiment(elsewhere)
+    assert main(["reproduce", *words.split()]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.startswith("eigenode: error: ")
+    assert err.count("\n") == 1
+    assert not (elsewhere / "outputs").exists()
+
+
+def test_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reproduce", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == len(names())
+    assert any(line.startswith("vdp ") and "7 runs, 12 claims (paper, authors)" in line for line in lines)
+
+
+def test_the_command_leaves_everything(study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    words = ["reproduce", "small.yaml", "--repetitions", "2", "--jobs", "1", "--output", str(out)]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "4 runs, 4 of them finished before" in said
+    assert "protocol paper, 2 seeds, 3 claims: 2 holds, 1 fails" in said
+    assert {path.name for path in out.iterdir()} == {
+        "verdicts.md",
+        "verdicts.csv",
+        "verdicts.json",
+        "tables.md",
+        "table_small.csv",
+        "figures",
+        "index.html",
+    }
+    assert len(list((out / "figures").iterdir())) == 9
+    content = json.loads((out / "verdicts.json").read_text())
+    assert content["command"] == "eigenode reproduce small.yaml --protocol paper --repetitions 2"
+    with (out / "verdicts.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["claim"], row["kept"], row["seeds"], row["verdict"]) for row in rows] == [
+        ("size", "2", "2", "holds"),
+        ("same", "2", "2", "holds"),
+        ("perfect", "0", "2", "fails"),
+    ]
+    assert (out / "verdicts.md").read_text().count("**holds**") == 2
+    words += ["--no-figures", "--check", str(out / "verdicts.json")]
+    assert main(words) == 0
+    content["claims"][2] |= {"verdict": "holds", "kept": 99, "seeds": 99}
+    (out / "verdicts.json").write_text(json.dumps(content))
+    assert main(words) == 1
+    assert (
+        "eigenode: differs: small/perfect: fails (0 of 2 seeds), committed is holds (99 of 99)"
+        in capsys.readouterr().err
+    )
+
+
+def test_journal_table(study: Study) -> None:
+    table = journal_table(study, "small")
+    assert table.names == ("sol", "sol+stb", "again")
+    assert table.numbers.shape == (3, len(HEADER) - 1)
+    sol, stb, again = table.numbers
+    assert (sol[:7] == again[:7]).all()
+    assert sol[0] <= sol[1] <= sol[2]
+    assert (table.numbers[:, 7:9] > 0.0).all()
+    assert not table.numbers[:, -1].any()
+    finals = [result.metrics.terms["sol"][-1] for result in study.results["small"]["sol"]]
+    assert sol[1] == pytest.approx(sum(finals) / 2.0)
+    assert stb[9] >= 1.0
+
+
+def test_hit_step_is_the_first_below(study: Study) -> None:
+    results = study.results["small"]["sol"]
+    assert hit_step(results, 1e9) == 0.0
+    assert hit_step(results, 0.0) == float("inf")
+
+
+def test_numbers_in_the_table() -> None:
+    assert number(None) == "\N{EN DASH}"
+    assert number(float("inf")) == "never"
+    assert (number(0.012345), number(2587.5)) == ("0.0123", "2588")
+
+
+def test_found_shows_quartiles_only_where_they_differ(study: Study) -> None:
+    size, _, perfect = study.verdicts()
+    assert found(size) == "129"
+    assert found(perfect).count(",") == 1
