@@ -7,12 +7,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import eigenode_cli
 from tests.sweep.helpers import rows
 
 README = Path(eigenode_cli.__file__).parents[1] / "README.md"
 
 
+@pytest.mark.slow
 def test_the_example_as_written(tmp_path: Path) -> None:
     section = README.read_text().split("<!-- sweep -->")[1].split("<!-- /sweep -->")[0]
     lines = [line for block in re.findall(r"```bash\n(.*?)```", section, re.DOTALL) for line in block.splitlines()]

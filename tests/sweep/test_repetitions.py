@@ -36,6 +36,7 @@ def test_equal_to_a_sweep_over_the_seeds(threads: int, tmp_path: Path) -> None:
         assert config["repetitions"] == 1
 
 
+@pytest.mark.slow
 def test_the_torch_engine_repeats_too(tmp_path: Path) -> None:
     for threads in (1, 2):
         repetitions(tmp_path / str(threads), threads, "engine=torch", "trainer.steps=2")
@@ -54,6 +55,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert (status, out.splitlines()[0]) == (0, "sweep  2 runs, 2 finished already, skipped")
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_where_they_are_asked_for(tmp_path: Path) -> None:
     repetitions(tmp_path, 2, "trainer.figures=true")
     for run in runs(tmp_path).values():
