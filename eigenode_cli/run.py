@@ -94,9 +94,7 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
         build_engine(config, field, problem.until(fraction), user_terms, _unheard)
         for fraction in config.trainer.horizons[:-1]
     ]
-    return Setup(
-        config, system, data, problem, field, engine, (*growing, engine), (*NAMES, *sorted(user_terms))
-    )
+    return Setup(config, system, data, problem, field, engine, (*growing, engine), (*NAMES, *sorted(user_terms)))
 
 
 def build_targets(config: TrainConfig, system: System, data: Data) -> Targets:

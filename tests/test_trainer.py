@@ -84,7 +84,9 @@ def make_trainer(folder: Path, engine: Bowl, start: float, **changes: object) ->
     return Trainer(
         engine=engine,
         stages=[engine],
-        optimizer=build_optimizer(SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1),
+        optimizer=build_optimizer(
+            SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1
+        ),
         combination=COMBINATIONS["sequential"],
         terms=("sol", "stb"),
         scales=np.array([1.0, 2.0]),

@@ -29,6 +29,8 @@ def test_wheel_runs_from_another_folder(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(site)}
     run = [sys.executable, "-m", "eigenode_cli"]
     for words in (["validate"], ["train", "system=oscillator", "trainer.steps=3", "hydra.run.dir=run"]):
-        done = subprocess.run([*run, *words], cwd=elsewhere, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [*run, *words], cwd=elsewhere, env=environment, capture_output=True, text=True, check=False
+        )
         assert (done.returncode, done.stderr) == (0, "")
     assert (elsewhere / "run" / "report.html").exists()

@@ -177,8 +177,9 @@ def differences(found: Sequence[Verdict], committed: Sequence[Mapping[str, Any]]
 
 
 def probability(kept: int, seeds: int, known_kept: int, known_seeds: int) -> float:
-    """Probability of a count as far off as `kept` of `seeds` or farther, to the same side, after `known_kept` of
-    `known_seeds`: the beta-binomial predictive distribution with Jeffreys' prior.
+    """Probability of a count as far off as `kept` of `seeds`, or farther to the same side.
+
+    It is that of the beta-binomial predictive distribution after `known_kept` of `known_seeds`, with Jeffreys' prior.
     """
     counts = betabinom(seeds, known_kept + 0.5, known_seeds - known_kept + 0.5)
     return float(min(counts.cdf(kept), counts.sf(kept - 1)))

@@ -129,7 +129,7 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     Returns:
         Status, or `integrate.FULL`.
     """
-    setup, outcome, n = core.setup, integers(core.work.outcome, 0), core.net.n
+    setup, outcome = core.setup, integers(core.work.outcome, 0)
     mirror_weights(core.net)
     times, start, trajectory = doubles(setup.times, 0), doubles(setup.start, 0), start_of(states)
     status, accepted, rejected, reached = integrate(
@@ -147,7 +147,7 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
 
 @njit_inner
 def _spectra_are_wanted(codes):
-    for code in codes:
+    for code in codes:  # noqa: SIM110  # Numba knows no any() of a generator
         if code != SOL:
             return True
     return False
