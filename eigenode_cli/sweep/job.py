@@ -1,7 +1,9 @@
 """One run of a sweep, in whatever process a launcher starts it."""
 
+import gc
 import traceback
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
@@ -25,9 +27,21 @@ def work(config: DictConfig) -> int:
     job = HydraConfig.get()
     folder = Path(job.runtime.output_dir)
     status = contained(folder, lambda: attempt(typed(finalise(config)), folder, job.overrides.task))
+    _settle()
     if status == INTERRUPTED:
         raise KeyboardInterrupt
     return status
+
+
+@cache
+def _settle() -> None:
+    """Once in a worker, after its first run: keep what is loaded by then out of garbage collection.
+
+    joblib's workers collect garbage every second, and to walk through all objects of torch, Numba and Hydra took a
+    quarter of their time.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 def contained(folder: Path, action: Callable[[], int]) -> int:
