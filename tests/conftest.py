@@ -1,5 +1,7 @@
 """Small problems that several tests share."""
 
+import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +19,21 @@ from eigenode_cli.problem import Problem
 from eigenode_cli.reference import sample, truth_targets
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES
+
+
+@pytest.fixture(autouse=True)
+def forgotten_log_handlers() -> Iterator[None]:
+    """Take away what Hydra's logging set up in a test: its handlers write to an output that ends with the test."""
+    _forget_stream_handlers()
+    yield
+    _forget_stream_handlers()
+
+
+def _forget_stream_handlers() -> None:
+    root = logging.getLogger()
+    for handler in [handler for handler in root.handlers if type(handler) is logging.StreamHandler]:
+        root.removeHandler(handler)
+
 
 PAPER_SYSTEMS = ("oscillator", "sparse_oscillator", "vdp")
 
