@@ -4,8 +4,6 @@ import csv
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -16,28 +14,12 @@ from safetensors.torch import load_file
 from eigenode_cli.combine import COMBINATIONS
 from eigenode_cli.field.init import INITS
 from eigenode_cli.terms import NAMES
+from tests.sweep.helpers import eigenode, start
 
 COLUMNS = (
     "step,train_seconds,lr,sol,frq,dmp,stb,osc,stf,max_real,n_accepted,n_rejected,status,dense_error"  # the contract
 )
 SYSTEMS = ("oscillator", "sparse_oscillator", "vdp")
-
-
-def start(folder: Path, *words: str) -> "subprocess.Popen[str]":
-    """`eigenode WORDS` in `folder`, as a process of its own."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "eigenode_cli", *words],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def eigenode(folder: Path, *words: str) -> tuple[int, str, str]:
-    process = start(folder, *words)
-    out, err = process.communicate(timeout=600)
-    return process.returncode, out, err
 
 
 def train(folder: Path, *words: str) -> Path:

@@ -7,8 +7,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from torch import Tensor
@@ -18,6 +17,7 @@ from eigenode_cli.bench.contestants import BareSolve
 from eigenode_cli.bench.measure import Ratio, compare, ratio_of
 from eigenode_cli.combine import COMBINATIONS
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.console import QuietDisplay
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.field import flat_parameters, load_flat
@@ -37,23 +37,6 @@ GRADIENT_PAIRS = 11
 """Pairs of a peer's loss Jacobian and a block of training steps."""
 THREADED = 200
 """Training steps of each repetition that are timed on one and on two threads."""
-
-
-class Silent:
-    """Shows nothing; see `console.Display`."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def record(self, step: int, losses: dict[str, float], rate: float | None) -> None:
-        """See `Display.record`."""
-
-    def say(self, message: str) -> None:
-        """See `Display.say`."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +90,7 @@ def trainer_for(
         scales=gradient_scales(config, case.problem.terms),
         config=config.trainer,
         recorder=recorder,
-        display=Silent(),
+        display=QuietDisplay(),
         dense_times=np.linspace(0.0, case.times[-1], DENSE),
         theta=theta,
         network=network,
