@@ -1,11 +1,11 @@
 """Optimizers on a flat parameter vector.
 
 They are a few lines each and are held against torch.optim by the tests; torch's own cost more than the compiled
-engine's loss Jacobian (about 30 us an update at 129 parameters, five updates a step).
+engine's loss Jacobian (about 30 us an update at 129 parameters, five updates a step), and they could not be part of
+its training loop.
 """
 
 import math
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,24 @@ from eigenode_cli.config.schema import AdamConfig, OptimizerConfig, SgdConfig
 from eigenode_cli.jit import njit
 
 Floats = NDArray[np.float64]
+
+ADAM, SGD = range(2)
+
+
+@njit
+def take_update(optimizer, theta, gradient, lr, options, memory, count):
+    """Change `theta (P,)` in place by one step against `gradient (P,)`.
+
+    Args:
+        optimizer: code; options: its constants.
+        lr: learning rate.
+        memory: moments or velocity, a row each `(., P)`; count: number of updates so far `(1,)`. Both go on.
+    """
+    count[0] += 1.0
+    if optimizer == ADAM:
+        _adam(theta, gradient, memory[0], memory[1], count[0], lr, options[0], options[1], options[2])
+    else:
+        _momentum(theta, gradient, memory[0], lr, options[0])
 
 
 @njit
@@ -37,74 +55,42 @@ def learning_rate(config: OptimizerConfig, step: int) -> float:
     return config.lr + config.lr_extra * math.exp(-config.lr_rate * (step - step % config.lr_every))
 
 
-class Optimizer(Protocol):
-    """Turns one update after another into new parameters."""
+class Optimizer:
+    """Turns one update after another into new parameters.
 
-    lr: float
+    `adam`: D. P. Kingma, J. Ba, Adam: a method for stochastic optimization, ICLR 2015, Algorithm 1. `sgd`: gradient
+    descent with heavy-ball momentum, in the form of torch.optim.SGD.
 
-    def begin(self, step: int) -> None:
-        """Set the learning rate of training step `step`; a step may take several updates."""
-        ...
+    Args:
+        config: which one, with its constants.
+        parameters: P.
 
-    def update(self, theta: Floats, gradient: Floats) -> None:
-        """Change `theta (P,)` in place by one step against `gradient (P,)`."""
-        ...
+    Attributes:
+        code, options, memory, count: as in `take_update`.
+    """
+
+    def __init__(self, config: OptimizerConfig, parameters: int) -> None:
+        self._config = config
+        self.count = np.zeros(1)
+        if isinstance(config, AdamConfig):
+            self.code, names = ADAM, ("first_moment", "second_moment")
+            self.options = np.array([config.beta1, config.beta2, config.eps])
+        elif isinstance(config, SgdConfig):
+            self.code, names = SGD, ("velocity",)
+            self.options = np.array([config.momentum])
+        else:
+            raise ValueError(f"optimizer={config.name}: no such optimizer")
+        self.memory = np.zeros((len(names), parameters))
+        self._state = dict(zip(names, self.memory, strict=True)) | {"count": self.count}
+
+    def lr(self, step: int) -> float:
+        """Learning rate of training step `step`; a step may take several updates."""
+        return learning_rate(self._config, step)
+
+    def update(self, theta: Floats, gradient: Floats, lr: float) -> None:
+        """Change `theta (P,)` in place by one step of rate `lr` against `gradient (P,)`."""
+        take_update(self.code, theta, gradient, lr, self.options, self.memory, self.count)
 
     def state(self) -> dict[str, Floats]:
         """Everything that the next update depends on, by name; the arrays themselves, not copies."""
-        ...
-
-
-class Adam:
-    """D. P. Kingma, J. Ba, Adam: a method for stochastic optimization, ICLR 2015, Algorithm 1."""
-
-    def __init__(self, config: AdamConfig, parameters: int) -> None:
-        self._config = config
-        self.lr = learning_rate(config, 0)
-        self._options = (config.beta1, config.beta2, config.eps)
-        self._first, self._second = np.zeros(parameters), np.zeros(parameters)
-        self._count = np.zeros(1)
-
-    def begin(self, step: int) -> None:
-        """See `Optimizer.begin`."""
-        self.lr = learning_rate(self._config, step)
-
-    def update(self, theta: Floats, gradient: Floats) -> None:
-        """See `Optimizer.update`."""
-        self._count += 1.0
-        _adam(theta, gradient, self._first, self._second, self._count[0], self.lr, *self._options)
-
-    def state(self) -> dict[str, Floats]:
-        """See `Optimizer.state`."""
-        return {"first_moment": self._first, "second_moment": self._second, "count": self._count}
-
-
-class Sgd:
-    """Gradient descent with heavy-ball momentum, in the form of torch.optim.SGD."""
-
-    def __init__(self, config: SgdConfig, parameters: int) -> None:
-        self._config = config
-        self.lr = learning_rate(config, 0)
-        self._momentum = config.momentum
-        self._velocity = np.zeros(parameters)
-
-    def begin(self, step: int) -> None:
-        """See `Optimizer.begin`."""
-        self.lr = learning_rate(self._config, step)
-
-    def update(self, theta: Floats, gradient: Floats) -> None:
-        """See `Optimizer.update`."""
-        _momentum(theta, gradient, self._velocity, self.lr, self._momentum)
-
-    def state(self) -> dict[str, Floats]:
-        """See `Optimizer.state`."""
-        return {"velocity": self._velocity}
-
-
-def build_optimizer(config: OptimizerConfig, parameters: int) -> Optimizer:
-    """The optimizer for a vector of `parameters`."""
-    if isinstance(config, AdamConfig):
-        return Adam(config, parameters)
-    if isinstance(config, SgdConfig):
-        return Sgd(config, parameters)
-    raise ValueError(f"optimizer={config.name}: no such optimizer")
+        return self._state

@@ -1,5 +1,7 @@
 """The reference solution of a system, and what is sampled from it: data, targets, the truth of a figure."""
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -18,6 +20,13 @@ def reference_solution(system: System, initial_state: Floats, times: Floats) -> 
     Raises:
         ValueError: the system itself cannot be solved over these times.
     """
+    return _solved(system, tuple(initial_state.tolist()), times.tobytes()).copy()
+
+
+@lru_cache(maxsize=16)
+def _solved(system: System, initial_state: tuple[float, ...], grid: bytes) -> Floats:
+    """The solution; many seeds in one process ask for the same one, and it takes as long as hundreds of steps."""
+    times = np.frombuffer(grid)
     solution = solve_ivp(
         lambda _t, x: system.dynamics(x),
         (0.0, float(times[-1])),

@@ -18,14 +18,14 @@ import torch
 from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
-from eigenode_cli.combine import COMBINATIONS, sequential_repeating_last
+from eigenode_cli.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST
 from eigenode_cli.config.schema import CombineConfig, SequentialConfig, StatedTargetConfig, TrainConfig
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
-from eigenode_cli.optimizer import build_optimizer
+from eigenode_cli.optimizer import Optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
@@ -110,10 +110,10 @@ def build_targets(config: TrainConfig, system: System, data: Data) -> Targets:
     return targets
 
 
-def combination(config: CombineConfig) -> Callable[[Floats], Floats]:
-    """The combination that a configuration names."""
+def combination(config: CombineConfig) -> int:
+    """Code of the combination that a configuration names."""
     if isinstance(config, SequentialConfig) and config.repeat_last_update:
-        return sequential_repeating_last
+        return SEQUENTIAL_REPEATING_LAST
     return COMBINATIONS[config.name]
 
 
@@ -197,7 +197,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
     config, horizon = setup.config, setup.config.system.horizon
     saved = load_last(folder) if resumed else None
     theta = flat_parameters(setup.field)
-    optimizer = build_optimizer(config.optimizer, theta.size)
+    optimizer = Optimizer(config.optimizer, theta.size)
     progress = Progress()
     if saved is not None:
         progress, theta, state = saved

@@ -1,23 +1,25 @@
 """The training loop: loss Jacobian, combination, optimizer, record. It knows nothing of engines, systems or files."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from eigenode_cli.combine import acting
 from eigenode_cli.config.schema import TrainerConfig
 from eigenode_cli.console import Display, duration
 from eigenode_cli.data import Floats
-from eigenode_cli.engines.base import Engine, LossJacobian
+from eigenode_cli.engines.base import Engine
+from eigenode_cli.learner import Rule, build_rule
 from eigenode_cli.optimizer import Optimizer
 from eigenode_cli.recorder import Progress, Recorder
 from eigenode_cli.solve.status import Status
 
 SAVE_SECONDS = 5.0
 """Longest time that a kill can cost: what resume needs is also saved this often between the checkpoints."""
+BREATH_SECONDS = 0.25
+"""About the longest time that an engine trains by itself: meanwhile nobody can interrupt it."""
 
 
 class Unsolvable(Exception):
@@ -32,7 +34,7 @@ class Trainer:
         engine: evaluates the terms over the whole horizon for the record.
         stages: compute the loss Jacobian, one after another for an equal share of the steps; the last is `engine`.
         optimizer: takes the updates.
-        combination: scaled gradients `(L, P)` to updates `(K, P)`.
+        combination: how several gradients become updates, a code of `combine`.
         terms: the named terms `(L,)`.
         scales: factor of each named term's gradient `(L,)`.
         config: steps, records, checkpoints, what to do when a solve fails.
@@ -47,7 +49,7 @@ class Trainer:
     engine: Engine
     stages: Sequence[Engine]
     optimizer: Optimizer
-    combination: Callable[[Floats], Floats]
+    combination: int
     terms: tuple[str, ...]
     scales: Floats
     config: TrainerConfig
@@ -57,6 +59,10 @@ class Trainer:
     theta: Floats
     network: Callable[[Floats], dict[str, Any]]
     progress: Progress
+    _rule: Rule = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._rule = build_rule(self.combination, self.scales, self.optimizer)
 
     def run(self) -> dict[str, Any]:
         """Train to the last step and return its record.
@@ -69,7 +75,6 @@ class Trainer:
         try:
             while True:
                 step, final = self.progress.step, self.progress.step == self.config.steps
-                self.optimizer.begin(step)
                 if final or step % self.config.record_every == 0:
                     last = self._record()
                 if final or step % self.config.checkpoint_every == 0:
@@ -79,28 +84,41 @@ class Trainer:
                     saved_at = perf_counter()
                 if final:
                     return last
-                self._step()
+                self._advance()
         except KeyboardInterrupt:
             self._save()
             raise
 
-    def _step(self) -> None:
-        engine = self.stages[self.progress.step * len(self.stages) // self.config.steps]
+    def _advance(self) -> None:
+        """Training steps up to the next one before which something is written or the engine changes."""
+        step, steps, config = self.progress.step, self.config.steps, self.config
+        stage = step * len(self.stages) // steps
+        events = [
+            steps,
+            -(-(stage + 1) * steps // len(self.stages)),  # the first step of the next stage
+            step - step % config.record_every + config.record_every,
+            step - step % config.checkpoint_every + config.checkpoint_every,
+            step + self._steps_in(BREATH_SECONDS),
+        ]
+        rates = np.array([self.optimizer.lr(k) for k in range(step, min(events))])
+        engine = self.stages[stage]
         start = perf_counter() - engine.compile_seconds
-        jacobian = engine.loss_jacobian(self.theta)
-        self._note_status(jacobian)
-        gradients = acting(jacobian.gradients, self.scales)
-        if gradients.size > 0:
-            for update in self.combination(gradients):
-                self.optimizer.update(self.theta, update)
-        self.progress.step += 1
-        self.progress.guard_count += jacobian.guard_count
+        taken = engine.advance(self.theta, self._rule, rates, config.on_unsolvable == "stop")
         self.progress.train_seconds += perf_counter() - engine.compile_seconds - start
+        self.progress.guard_count += taken.guard_count
+        for status, values in zip(taken.statuses.tolist(), taken.values, strict=True):
+            self._note_status(Status(status), values)
+            self.progress.step += 1
 
-    def _note_status(self, jacobian: LossJacobian) -> None:
+    def _steps_in(self, seconds: float) -> int:
+        """About as many steps as take so many seconds, at least one."""
+        done, spent = self.progress.step, self.progress.train_seconds
+        return max(1, int(seconds * done / spent)) if spent > 0.0 else 1
+
+    def _note_status(self, status: Status, values: Floats) -> None:
         """Count failed solves, and say when they begin and when the field is solvable again."""
         progress, step = self.progress, self.progress.step
-        if jacobian.status is Status.OK:
+        if status is Status.OK:
             if progress.unsolvable_since is not None:
                 self.display.say(
                     f"step {step}: solvable again after {step - progress.unsolvable_since} steps of stabilisation"
@@ -110,22 +128,24 @@ class Trainer:
         progress.unsolvable_steps += 1
         if self.config.on_unsolvable == "stop":
             raise Unsolvable(
-                f"the solve failed ({jacobian.status.label}) at step {step}; "
+                f"the solve failed ({status.label}) at step {step}; "
                 "trainer.on_unsolvable=stabilise trains on without SOL until it succeeds"
             )
         if progress.unsolvable_since is None:
             progress.unsolvable_since = step
-            self.display.say(f"step {step}: the solve failed ({jacobian.status.label}); {self._remedy(jacobian)}")
+            self.display.say(f"step {step}: the solve failed ({status.label}); {self._remedy(values)}")
 
-    def _remedy(self, jacobian: LossJacobian) -> str:
+    def _remedy(self, values: Floats) -> str:
         if self.config.on_unsolvable == "skip":
             return "trainer.on_unsolvable=skip leaves the parameters as they are"
-        if not np.isfinite(jacobian.values).any():
+        if not np.isfinite(values).any():
             return "no spectral term is named in grads, so nothing can stabilise it"
         return "SOL is skipped, the spectral terms go on until it succeeds"
 
     def _record(self) -> dict[str, Any]:
-        row = self.recorder.record(self.progress, self.optimizer.lr, self.engine.evaluate(self.theta, self.dense_times))
+        row = self.recorder.record(
+            self.progress, self.optimizer.lr(self.progress.step), self.engine.evaluate(self.theta, self.dense_times)
+        )
         done = self.progress.step
         rate = self.progress.train_seconds / done if done else None
         self.display.record(done, {name: row[name] for name in self.terms}, rate)

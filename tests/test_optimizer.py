@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from eigenode_cli.config.schema import AdamConfig, SgdConfig
-from eigenode_cli.optimizer import build_optimizer, learning_rate
+from eigenode_cli.optimizer import Optimizer, learning_rate
 
 CONSTANT = {"lr_extra": 0.0, "lr_rate": 0.0, "lr_every": 1}
 CASES = [
@@ -27,10 +27,10 @@ def test_same_path_as_torch(config, peer) -> None:
     generator = np.random.default_rng(5)
     theta = generator.normal(size=7)
     parameter = torch.nn.Parameter(torch.from_numpy(theta.copy()))
-    ours, theirs = build_optimizer(config, 7), peer(parameter)
+    ours, theirs = Optimizer(config, 7), peer(parameter)
     for _ in range(50):
         gradient = generator.normal(size=7)
-        ours.update(theta, gradient)
+        ours.update(theta, gradient, ours.lr(0))
         parameter.grad = torch.from_numpy(gradient)
         theirs.step()
     np.testing.assert_allclose(theta, parameter.detach().numpy(), rtol=1e-13, atol=1e-15)
@@ -38,14 +38,14 @@ def test_same_path_as_torch(config, peer) -> None:
 
 @pytest.mark.parametrize("config", [case[0] for case in CASES], ids=["adam", "sgd"])
 def test_state_is_all_that_the_next_update_depends_on(config) -> None:
-    first, theta = build_optimizer(config, 3), np.ones(3)
+    first, theta = Optimizer(config, 3), np.ones(3)
     for k in range(4):
-        first.update(theta, np.array([1.0, -2.0, 0.5]) * k)
-    second, copy = build_optimizer(config, 3), theta.copy()
+        first.update(theta, np.array([1.0, -2.0, 0.5]) * k, 1e-2)
+    second, copy = Optimizer(config, 3), theta.copy()
     for name, array in second.state().items():
         array[:] = first.state()[name]
-    first.update(theta, np.ones(3))
-    second.update(copy, np.ones(3))
+    first.update(theta, np.ones(3), 1e-2)
+    second.update(copy, np.ones(3), 1e-2)
     assert theta.tobytes() == copy.tobytes()
 
 
@@ -64,13 +64,15 @@ def test_a_constant_rate_is_exactly_that(config) -> None:
 
 
 @pytest.mark.parametrize("config", [case[0] for case in CASES], ids=["adam", "sgd"])
-def test_updates_take_the_rate_of_their_step(config) -> None:
-    config = type(config)(**{**vars(config), "lr_extra": 1.0, "lr_rate": 0.5})
-    optimizer, constant = build_optimizer(config, 2), build_optimizer(config, 2)
-    optimizer.begin(3)
-    constant.lr = config.lr + math.exp(-1.5)
-    first, second = np.ones(2), np.ones(2)
-    for _ in range(2):
-        optimizer.update(first, np.array([1.0, -3.0]))
-        constant.update(second, np.array([1.0, -3.0]))
-    assert first.tobytes() == second.tobytes()
+def test_an_update_has_the_size_of_its_rate(config) -> None:
+    moves = []
+    for lr in (1e-3, 2e-3):
+        theta = np.ones(2)
+        Optimizer(config, 2).update(theta, np.array([1.0, -3.0]), lr)
+        moves.append(theta - 1.0)
+    np.testing.assert_allclose(moves[1], 2.0 * moves[0], rtol=1e-12)
+
+
+def test_the_rate_of_a_step_is_that_of_the_schedule() -> None:
+    config = SgdConfig(name="sgd", lr=1e-3, lr_extra=1.0, lr_rate=0.5, lr_every=1, momentum=0.0)
+    assert Optimizer(config, 2).lr(3) == 1e-3 + math.exp(-1.5)

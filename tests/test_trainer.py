@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from eigenode_cli.combine import COMBINATIONS
+from eigenode_cli.combine import SEQUENTIAL
 from eigenode_cli.config.schema import SgdConfig, TrainerConfig
 from eigenode_cli.console import LineDisplay
 from eigenode_cli.data import Floats
-from eigenode_cli.engines.base import Evaluation, LossJacobian
-from eigenode_cli.optimizer import build_optimizer
+from eigenode_cli.engines.base import Advance, Evaluation, LossJacobian, single_step
+from eigenode_cli.learner import Rule
+from eigenode_cli.optimizer import Optimizer
 from eigenode_cli.recorder import Progress, Recorder, load_last
 from eigenode_cli.solve.status import Status
 from eigenode_cli.trainer import Trainer, Unsolvable, summary
@@ -45,6 +46,9 @@ class Bowl:
             n_rejected=1,
             guard_count=2,
         )
+
+    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+        return single_step(self, theta, rule, rates, halt)
 
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         jacobian = self.loss_jacobian(theta)
@@ -84,10 +88,8 @@ def make_trainer(folder: Path, engine: Bowl, start: float, **changes: object) ->
     return Trainer(
         engine=engine,
         stages=[engine],
-        optimizer=build_optimizer(
-            SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1
-        ),
-        combination=COMBINATIONS["sequential"],
+        optimizer=Optimizer(SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1),
+        combination=SEQUENTIAL,
         terms=("sol", "stb"),
         scales=np.array([1.0, 2.0]),
         config=config,

@@ -21,7 +21,7 @@ from eigenode_cli.console import QuietDisplay
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.field import flat_parameters, load_flat
-from eigenode_cli.optimizer import build_optimizer
+from eigenode_cli.optimizer import Optimizer
 from eigenode_cli.recorder import Progress, Recorder
 from eigenode_cli.run import DENSE, build, gradient_scales
 from eigenode_cli.terms import NAMES
@@ -35,7 +35,7 @@ BLOCK = 500
 """Training steps that are timed together, with their records and one checkpoint."""
 GRADIENT_PAIRS = 11
 """Pairs of a peer's loss Jacobian and a block of training steps."""
-THREADED = 200
+THREADED = 2000
 """Training steps of each repetition that are timed on one and on two threads."""
 
 
@@ -84,7 +84,7 @@ def trainer_for(
     trainer = Trainer(
         engine=engine,
         stages=[engine],
-        optimizer=build_optimizer(config.optimizer, theta.size),
+        optimizer=Optimizer(config.optimizer, theta.size),
         combination=COMBINATIONS[config.combine.name],
         terms=case.problem.terms,
         scales=gradient_scales(config, case.problem.terms),

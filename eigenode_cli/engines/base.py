@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenode_cli.learner import Rule, learn
 from eigenode_cli.solve.status import Status
 
 Floats = NDArray[np.float64]
@@ -56,6 +57,21 @@ class Evaluation:
     dense: Floats
 
 
+@dataclass(frozen=True)
+class Advance:
+    """Training steps that an engine took by itself.
+
+    Attributes:
+        values: of the named terms at each step `(K, L)`, unscaled.
+        statuses: how each solve ended `(K,)`, codes of `Status`.
+        guard_count: eigenvalue sensitivities that the condition guard bounded.
+    """
+
+    values: Floats
+    statuses: NDArray[np.int64]
+    guard_count: int
+
+
 class Engine(Protocol):
     """Both engines implement this and nothing more."""
 
@@ -68,6 +84,25 @@ class Engine(Protocol):
         """Values and gradients of the named terms at the parameters `theta (P,)`."""
         ...
 
+    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+        """Take training steps with the learning rates `rates (K,)`, at least one, and all that need no Python between.
+
+        Args:
+            theta: parameters `(P,)`, changed in place.
+            rule: how the gradients change them.
+            rates: learning rate of each step.
+            halt: end behind a solve that failed, and leave the parameters as they were for it.
+        """
+        ...
+
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         """Values of all terms at `theta (P,)`, and the states at `times (D,)` in s, ascending, from 0."""
         ...
+
+
+def single_step(engine: Engine, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+    """`Engine.advance` by one step, for engines that need Python in each."""
+    jacobian = engine.loss_jacobian(theta)
+    if jacobian.status is Status.OK or not halt:
+        learn(rule, theta, jacobian.gradients, rates[0])
+    return Advance(jacobian.values[None], np.array([jacobian.status]), jacobian.guard_count)

@@ -7,8 +7,9 @@ import torch
 from torch import Tensor
 
 from eigenode_cli.data import Targets
-from eigenode_cli.engines.base import Complexes, Evaluation, Floats, LossJacobian
+from eigenode_cli.engines.base import Advance, Complexes, Evaluation, Floats, LossJacobian, single_step
 from eigenode_cli.field import VectorField, load_flat
+from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import Trajectory, solve
@@ -65,6 +66,10 @@ class TorchEngine:
             n_rejected=forward.trajectory.n_rejected,
             guard_count=forward.guard_count,
         )
+
+    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+        """See `Engine.advance`: one step."""
+        return single_step(self, theta, rule, rates, halt)
 
     @torch.no_grad()
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:

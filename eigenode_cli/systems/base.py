@@ -28,12 +28,21 @@ class Parameter:
 
 
 class System(ABC):
-    """The ground truth `dx/dt = f(x)`, autonomous, with everything about it that is known exactly."""
+    """The ground truth `dx/dt = f(x)`, autonomous, with everything about it that is known exactly.
+
+    Its class and its parameters are all that it is: two with the same are equal.
+    """
 
     title: str
     """Name for people, as it stands over a figure."""
     states: tuple[State, ...]
     parameters: tuple[Parameter, ...]
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self.parameters == other.parameters  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.parameters))
 
     @abstractmethod
     def dynamics(self, x: Floats) -> Floats:

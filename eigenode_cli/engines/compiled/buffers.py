@@ -84,11 +84,12 @@ class Room:
         recorded: whether every evaluation leaves a record.
 
     Attributes:
-        steps: addresses; sizes: of the accepted steps in s `(capacity,)`.
+        steps: addresses; sizes: of the accepted steps in s `(capacity,)`; outputs: N.
     """
 
     def __init__(self, net: Net, method: Method, capacity: int, outputs: int, recorded: bool) -> None:
         self._owner = Owner()
+        self.outputs = outputs
         self.sizes = np.zeros(capacity)
         evaluations = 1 + (method.stages - 1) * capacity if recorded else 1
         self.steps = Steps(

@@ -11,11 +11,12 @@ import numpy as np
 from numba.core import config
 
 from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, SolverConfig
-from eigenode_cli.engines.base import Complexes, Evaluation, Floats, LossJacobian
+from eigenode_cli.engines.base import Advance, Complexes, Evaluation, Floats, LossJacobian, single_step
 from eigenode_cli.engines.compiled import kernel
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
 from eigenode_cli.engines.compiled.integrate import FULL, OK, Method
 from eigenode_cli.engines.compiled.mlp import MlpShape
+from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TABLEAUS
@@ -70,8 +71,6 @@ class CompiledEngine:
 
     name = "compiled"
 
-    name = "compiled"
-
     def __init__(
         self,
         shape: MlpShape,
@@ -97,6 +96,7 @@ class CompiledEngine:
         self._spectra_shape = (problem.spectral_index.size, shape.sizes[0])
         self._given = self._given_steps(self._times)
         self._room = self._make_room(self._given.size or min(FIRST_CAPACITY, self._method.max_steps))
+        self._dense_room: Room | None = None
         self._compiled = False
         self.compile_seconds = 0.0
 
@@ -137,6 +137,42 @@ class CompiledEngine:
             n_rejected=rejected,
             guard_count=guarded,
         )
+
+    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+        """See `Engine.advance`: all steps, or one if a user's term takes part."""
+        if self._own:
+            return single_step(self, theta, rule, rates, halt)
+        self._load(theta)
+        self._compile()
+        values, statuses = np.empty((rates.size, self._codes.size)), np.empty(rates.size, dtype=np.int64)
+        gradients = np.empty((self._codes.size, theta.size))
+        states, spectra = self._outputs()
+        done, guarded = 0, 0
+        while True:
+            taken, fired = kernel.advance(
+                self._core,
+                self._room.steps,
+                self._given,
+                self._codes,
+                self._vectors,
+                self._forward_way,
+                rule,
+                rates[done:],
+                halt,
+                self._shared.theta,
+                gradients,
+                states,
+                spectra,
+                values[done:],
+                statuses[done:],
+            )
+            done, guarded = done + taken, guarded + fired
+            halted = halt and done > 0 and statuses[done - 1] != OK
+            if done == rates.size or halted:
+                break
+            self._grow()
+        theta[:] = self._shared.theta
+        return Advance(values[:done], statuses[:done], guarded)
 
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         """Values of the six terms and then of the user's, and states at `times (D,)` in s, ascending.
@@ -196,13 +232,16 @@ class CompiledEngine:
         """States `(D, n)` at `times`, from the initial state at the first data time."""
         outputs = np.concatenate([self._times[:1], times])
         states = np.empty((outputs.size, self._core.net.n))
-        given = self._given_steps(outputs)
-        capacity, status = given.size or FIRST_CAPACITY, FULL
-        while status == FULL:
-            room = Room(self._core.net, self._method, capacity, outputs.size, recorded=False)
-            status = kernel.solve(self._core, room.steps, given, outputs, states)
-            capacity *= 2
+        given, room = self._given_steps(outputs), self._dense_room
+        if room is None or room.outputs != outputs.size or room.steps.capacity < given.size:
+            room = self._make_dense_room(given.size or FIRST_CAPACITY, outputs.size)
+        while kernel.solve(self._core, room.steps, given, outputs, states) == FULL:
+            room = self._make_dense_room(2 * room.steps.capacity, outputs.size)
+        self._dense_room = room
         return states[1:]
+
+    def _make_dense_room(self, capacity: int, outputs: int) -> Room:
+        return Room(self._core.net, self._method, capacity, outputs, recorded=False)
 
     def _outputs(self) -> tuple[Floats, Complexes]:
         """New arrays for a trajectory `(N, n)` and its spectra `(T, n)`."""
@@ -241,8 +280,11 @@ class CompiledEngine:
         states, spectra = self._outputs()
         values, gradients = np.empty(1), np.empty((1, 1))
         solve = (self._core, self._room.steps, NO_STEPS)
+        ways, results = (self._codes, True, True), (gradients, states, spectra)
+        rule = Rule(0, values, 0, values, gradients, values, gradients)
         arguments = {
-            "loss_jacobian": (*solve, self._codes, True, True, values, gradients, states, spectra),
+            "advance": (*solve, *ways, rule, values, True, values, *results, gradients, self._codes),
+            "loss_jacobian": (*solve, *ways, values, *results),
             "forward": (*solve, self._codes, True, values, states, spectra),
             "pull_back": (*solve[:2], self._codes, True, values, gradients),
             "solve": (*solve, values, states),

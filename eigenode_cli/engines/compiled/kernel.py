@@ -12,17 +12,18 @@ from typing import NamedTuple
 from numba import carray  # pyright: ignore[reportPrivateImportUsage]  # documented under this name
 
 from eigenode_cli.engines.compiled.algebra import add_scaled, clear
-from eigenode_cli.engines.compiled.integrate import OK, Method, integrate
+from eigenode_cli.engines.compiled.integrate import FULL, OK, Method, integrate
 from eigenode_cli.engines.compiled.jacobian import jacobian, pull_back_jacobian, push_tangents
 from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import Net, evaluate_field, mirror_weights, unpack_gradient
 from eigenode_cli.engines.compiled.pullback import Bars, adjoint, combine_rows, forward_sensitivities
 from eigenode_cli.engines.compiled.spectrum import Eigen, pull_back_spectrum, take_spectrum
 from eigenode_cli.jit import njit, njit_inner
+from eigenode_cli.learner import learn
 from eigenode_cli.terms.sol import sol
 from eigenode_cli.terms.spectral import SOL, spectral_terms
 
-ENTRIES = ("loss_jacobian", "forward", "pull_back", "solve")
+ENTRIES = ("advance", "loss_jacobian", "forward", "pull_back", "solve")
 """The functions here that are called from Python, that which calls the others first."""
 
 STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED = range(6)
@@ -341,3 +342,49 @@ def loss_jacobian(core, steps, given, codes, vectors, forward_way, values, gradi
     if status >= 0:
         pull_back(core, steps, codes, forward_way, values, gradients)
     return status
+
+
+@njit
+def advance(
+    core,
+    steps,
+    given,
+    codes,
+    vectors,
+    forward_way,
+    rule,
+    rates,
+    halt,
+    theta,
+    gradients,
+    states,
+    spectra,
+    values,
+    statuses,
+):
+    """Training steps without the interpreter, one for each of `rates (K,)`.
+
+    Args:
+        core, steps, given, codes, vectors, forward_way, gradients, states, spectra: as in `loss_jacobian`.
+        rule: of the updates.
+        rates: learning rates.
+        halt: end behind a solve that failed, before its update.
+        theta: the parameters at `core.net.theta` as an array `(P,)`, changed.
+        values: filled with the terms of each step `(K, L)`.
+        statuses: filled with how each solve ended `(K,)`.
+
+    Returns:
+        The number of loss Jacobians, K but where it halted or there is no room to record a solve, and how often the
+        guard fired.
+    """
+    guarded = 0
+    for k in range(rates.size):
+        status = loss_jacobian(core, steps, given, codes, vectors, forward_way, values[k], gradients, states, spectra)
+        if status == FULL:
+            return k, guarded
+        statuses[k] = status
+        guarded += integers(core.work.outcome, 0)[GUARDED]
+        if status != OK and halt:
+            return k + 1, guarded
+        learn(rule, theta, gradients, rates[k])
+    return rates.size, guarded

@@ -1,0 +1,54 @@
+"""One training step behind the loss Jacobian: combination and optimizer, as one compiled function."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenode_cli.combine import combine
+from eigenode_cli.jit import njit
+from eigenode_cli.optimizer import Optimizer, take_update
+
+Floats = NDArray[np.float64]
+
+
+class Rule(NamedTuple):
+    """How the gradients `(L, P)` of a training step change the parameters.
+
+    Attributes:
+        combination: code of `combine`.
+        scales: factor of each gradient `(L,)`.
+        optimizer, options, memory, updates_done: as in `optimizer.take_update`, the last its `count`.
+        updates: working space `(L + 1, P)`.
+    """
+
+    combination: int
+    scales: Floats
+    optimizer: int
+    options: Floats
+    memory: Floats
+    updates_done: Floats
+    updates: Floats
+
+
+def build_rule(combination: int, scales: Sequence[float] | Floats, optimizer: Optimizer) -> Rule:
+    """The rule of a combination, scales `(L,)` and an optimizer, whose memory it shares."""
+    factors = np.array(scales, dtype=np.float64)
+    return Rule(
+        combination=combination,
+        scales=factors,
+        optimizer=optimizer.code,
+        options=optimizer.options,
+        memory=optimizer.memory,
+        updates_done=optimizer.count,
+        updates=np.empty((factors.size + 1, optimizer.memory.shape[1])),
+    )
+
+
+@njit
+def learn(rule, theta, gradients, lr):
+    """Change `theta (P,)` in place by the updates that `gradients (L, P)` make at the learning rate `lr`."""
+    for row in range(combine(rule.combination, gradients, rule.scales, rule.updates)):
+        update = rule.updates[row]
+        take_update(rule.optimizer, theta, update, lr, rule.options, rule.memory, rule.updates_done)
