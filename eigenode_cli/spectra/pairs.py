@@ -24,12 +24,13 @@ def find_partners(spectrum, partner):
     for i in range(n):
         if partner[i] != REAL or not spectrum[i].imag > 0.0:
             continue
-        best = REAL
+        best, least = REAL, np.inf
         for j in range(n):
             if partner[j] == REAL and spectrum[j].imag < 0.0:
-                distance = abs(spectrum[i] - spectrum[j].conjugate())
-                if best == REAL or distance < abs(spectrum[i] - spectrum[best].conjugate()):
-                    best = j
+                across, along = spectrum[i].real - spectrum[j].real, spectrum[i].imag + spectrum[j].imag
+                distance = across * across + along * along
+                if best == REAL or distance < least:
+                    best, least = j, distance
         if best != REAL:
             partner[i] = best
             partner[best] = i

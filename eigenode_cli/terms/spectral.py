@@ -57,8 +57,8 @@ def spectral_terms(
         finite = True
         for i in range(n):
             # a difference with itself is zero but for NaN and infinity
-            if abs(spectrum[i] - spectrum[i]) != 0.0:
-                finite = False
+            real, imag = spectrum[i].real, spectrum[i].imag
+            finite &= real - real == 0.0 and imag - imag == 0.0
         if not finite:
             continue
         counted += 1

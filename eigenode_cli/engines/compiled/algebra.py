@@ -28,6 +28,35 @@ def add_scaled(size, factor, x, y):
         y[i] += factor * x[i]
 
 
+BLOCK = 8
+"""Rows that `add_rows` reads at once: the sum that they are added to is then loaded and stored once for all of them."""
+
+
+@njit_inner
+def add_rows(count, size, stride, factors, step, rows, y):
+    """`y += sum_e factors[e step] rows_e` with `rows (count, size)`, one every `stride`; a factor of 0 may not matter."""
+    e = 0
+    while e + BLOCK <= count:
+        _add_block(size, stride, shift(factors, e * step), step, shift(rows, e * stride), y)
+        e += BLOCK
+    while e < count:
+        if factors[e * step] != 0.0:
+            add_scaled(size, factors[e * step], shift(rows, e * stride), y)
+        e += 1
+
+
+@njit_sums
+def _add_block(size, stride, factors, step, rows, y):
+    f0, f1, f2, f3 = factors[0], factors[step], factors[2 * step], factors[3 * step]
+    f4, f5, f6, f7 = factors[4 * step], factors[5 * step], factors[6 * step], factors[7 * step]
+    x1, x2, x3 = shift(rows, stride), shift(rows, 2 * stride), shift(rows, 3 * stride)
+    x4, x5, x6, x7 = shift(rows, 4 * stride), shift(rows, 5 * stride), shift(rows, 6 * stride), shift(rows, 7 * stride)
+    for i in range(size):
+        front = f0 * rows[i] + f1 * x1[i] + f2 * x2[i] + f3 * x3[i]
+        back = f4 * x4[i] + f5 * x5[i] + f6 * x6[i] + f7 * x7[i]
+        y[i] += front + back
+
+
 @njit_sums
 def dot(size, x, y):
     """`sum_i x_i y_i`."""

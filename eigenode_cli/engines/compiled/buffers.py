@@ -5,11 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenode_cli.engines.compiled.algebra import BLOCK
 from eigenode_cli.engines.compiled.integrate import Method, Steps
 from eigenode_cli.engines.compiled.jacobian import scratch_size
 from eigenode_cli.engines.compiled.kernel import Core, Setup, Work
 from eigenode_cli.engines.compiled.lapack import DGEEV, dgeev_space
-from eigenode_cli.engines.compiled.memory import address, aligned
+from eigenode_cli.engines.compiled.memory import address, aligned, whole_lines
 from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
 from eigenode_cli.engines.compiled.pullback import Bars
 from eigenode_cli.engines.compiled.spectrum import Eigen
@@ -127,7 +128,7 @@ def build_core(
     for array in (*memory, *scales, *tables):
         owner.keep(array)
     net, curved = (build_net(shape, table, (scales[0], scales[1]), memory) for table in tables)
-    entries = m * n if m * n < terms else 0  # derivatives of single entries of A are shared by the terms or not made
+    entries = m * n if m * n < terms else 0  # cotangents of single entries of A are shared by the terms or not made
     work = Work(
         records=owner.floats(2 * count, curved.width),
         tangents=owner.floats(curved.tangents),
@@ -139,11 +140,10 @@ def build_core(
         partner=owner.zeros(n, np.int64),
         match=owner.zeros(n, np.int64),
         bar_a=owner.floats(terms, m, n),
-        active=owner.zeros(terms, np.int64),
+        channel=owner.zeros(terms, np.int64),
         units=owner.keep(np.eye(entries)),
-        rows_x=owner.floats(entries, n),
-        rows_theta=owner.floats(entries, size),
-        bar_x=owner.floats(n),
+        row_x=owner.floats(n),
+        bar_x=owner.floats(terms, n),
         outcome=owner.keep(shared.outcome),
     )
     bars = _build_bars(owner, net, method, outputs, terms, forward_way)
@@ -181,9 +181,8 @@ def _build_setup(owner: Owner, problem: Problem) -> Setup:
 
 def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int, forward_way: bool) -> Bars:
     n, m, q = net.n, net.m, terms * net.n
-    columns = net.size if forward_way else 0
+    columns, stride = net.size if forward_way else 0, whole_lines(net.size)
     return Bars(
-        terms=terms,
         states=owner.floats(outputs, q),
         packed=owner.floats(terms, net.size),
         stage_rates=owner.floats(method.stages, q),
@@ -192,7 +191,10 @@ def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int
         carried=owner.floats(q),
         seeds=owner.keep(np.eye(m)),
         rows_x=owner.floats(m, n),
-        rows_theta=owner.floats(m, net.size if forward_way or m < terms else 0),
+        waiting=owner.zeros(1, np.int64),
+        rows=owner.floats(BLOCK, stride if m < terms else 0),
+        factors=owner.floats(BLOCK, terms),
+        stride=stride,
         scratch=owner.floats(scratch_size(net)),
         tangent_state=owner.floats(n, columns),
         tangent_stage=owner.floats(n, columns),
@@ -202,14 +204,15 @@ def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int
 
 def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen:
     """Room for `count` spectra of n eigenvalues, and working space."""
-    space = dgeev_space(n)
+    space, vectors = dgeev_space(n), 0 if n == 2 else count * n * n
     return Eigen(
         n=n,
         max_condition=float(max_condition),
         spectra=owner.zeros(count * n, np.complex128),
-        left=owner.zeros(count * n * n, np.complex128),
-        right_real=owner.floats(count, n, n),
-        right_imag=owner.floats(count, n, n),
+        slopes=owner.zeros(8 * count if n == 2 else 0, np.complex128),
+        left=owner.zeros(vectors, np.complex128),
+        right_real=owner.floats(vectors),
+        right_imag=owner.floats(vectors),
         a=owner.floats(n, n),
         real=owner.floats(n),
         imag=owner.floats(n),

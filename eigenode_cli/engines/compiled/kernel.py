@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 from numba import carray  # pyright: ignore[reportPrivateImportUsage]  # documented under this name
 
-from eigenode_cli.engines.compiled.algebra import add_scaled, clear
+from eigenode_cli.engines.compiled.algebra import add_scaled, clear, copy
 from eigenode_cli.engines.compiled.integrate import FULL, OK, Method, integrate
 from eigenode_cli.engines.compiled.jacobian import jacobian, pull_back_jacobian, push_tangents
 from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import Net, evaluate_field, mirror_weights, unpack_gradient
-from eigenode_cli.engines.compiled.pullback import Bars, adjoint, combine_rows, forward_sensitivities
+from eigenode_cli.engines.compiled.pullback import Bars, adjoint, forward_sensitivities, gather_rows, next_row
 from eigenode_cli.engines.compiled.spectrum import Eigen, pull_back_spectrum, take_spectrum
 from eigenode_cli.jit import njit, njit_inner
 from eigenode_cli.learner import learn
@@ -77,9 +77,10 @@ class Work(NamedTuple):
         slopes: of the terms in the eigenvalues `(L, T, n)`, or `(L, 2 T, n)` after a failed solve.
         solution_slope: of SOL in the trajectory `(N, n)`; `user_slopes` of the user's terms `(U, N, n)`.
         partner, match: of the terms `(n,)`.
-        bar_a: cotangent of a Jacobian for each term `(L, m, n)`; `active` 1 where it is not zero `(L,)`.
-        units: unit cotangents `(m n, m, n)`; `rows_x (m n, n)` and `rows_theta (m n, P)` their pullbacks.
-        bar_x: cotangent of a state `(n,)`.
+        channel: number of the channel of each term in the pullback, -1 for none `(L,)`.
+        bar_a: cotangent of a Jacobian for each channel `(C, m, n)`.
+        units: unit cotangents `(m n, m, n)`; `row_x (n,)` what one of them is for the state.
+        bar_x: cotangents of a state `(C, n)`.
         outcome: see above `(6,)`.
     """
 
@@ -93,10 +94,9 @@ class Work(NamedTuple):
     partner: int
     match: int
     bar_a: int
-    active: int
+    channel: int
     units: int
-    rows_x: int
-    rows_theta: int
+    row_x: int
     bar_x: int
     outcome: int
 
@@ -259,74 +259,105 @@ def pull_back(core, steps, codes, forward_way, values, gradients):
     if outcome[STATUS] != OK and not setup.stabilise:
         gradients[:] = math.nan
         return
-    clear(bars.terms * net.size, doubles(bars.packed, 0))
-    clear(setup.outputs * bars.terms * net.n, doubles(bars.states, 0))
-    for term in range(bars.terms):
-        if codes[term] <= SOL and not math.isnan(values[term]):
-            at = 0 if codes[term] == SOL else (-1 - codes[term]) * setup.outputs * net.n
-            slope = doubles(work.solution_slope if codes[term] == SOL else work.user_slopes, at)
-            for j in range(setup.outputs):
-                bar = doubles(bars.states, (j * bars.terms + term) * net.n)
-                add_scaled(net.n, 1.0, shift(slope, j * net.n), bar)
+    channels = _open_channels(core, codes, values)
+    channel = integers(work.channel, 0)
     for t in range(outcome[SPECTRA]):
-        _pull_back_spectrum_at(core, t, outcome[SPECTRA])
+        _pull_back_spectrum_at(core, codes.size, channels, t, outcome[SPECTRA])
     if outcome[STATUS] == OK and forward_way:
-        forward_sensitivities(net, core.method, steps, bars, setup.outputs)
+        forward_sensitivities(net, core.method, steps, bars, channels, setup.outputs)
     elif outcome[STATUS] == OK:
-        adjoint(net, core.method, steps, bars, setup.outputs)
-    for term in range(bars.terms):
-        if math.isnan(values[term]):
-            gradients[term, :] = math.nan
+        adjoint(net, core.method, steps, bars, channels, setup.outputs)
+    gather_rows(net, bars, channels)
+    for term in range(codes.size):
+        if channel[term] < 0:
+            gradients[term, :] = math.nan if math.isnan(values[term]) else 0.0
         else:
-            unpack_gradient(net, doubles(bars.packed, term * net.size), shift(start_of(gradients), term * net.size))
+            packed, gradient = (
+                doubles(bars.packed, channel[term] * net.size),
+                shift(start_of(gradients), term * net.size),
+            )
+            unpack_gradient(net, packed, gradient)
 
 
 @njit_inner
-def _pull_back_spectrum_at(core, t, count):
-    """Pull the slopes of all terms in spectrum t of `count` back to the state and to the parameters.
+def _open_channels(core, codes, values):
+    """Number the terms that have a slope anywhere, clear their sums and enter their slopes in the trajectory.
 
-    Where A has fewer entries that depend on the network than there are terms, the derivatives of these entries are
-    computed once and combined for each term.
+    Most terms of a field that is nearly right have none: no eigenvalue is unstable, none lacks its partner.
+    """
+    net, setup, work, bars = core.net, core.setup, core.work, core.bars
+    channel, count, channels = integers(work.channel, 0), integers(work.outcome, 0)[SPECTRA], 0
+    for term in range(codes.size):
+        along = codes[term] <= SOL and _any(setup.outputs * net.n, _trajectory_slope(core, codes[term]))
+        slopes = doubles(work.slopes, 2 * term * count * net.n)
+        opened = not math.isnan(values[term]) and (along or _any(2 * count * net.n, slopes))
+        channel[term] = channels if opened else -1
+        channels += int(opened)
+    clear(channels * net.size, doubles(bars.packed, 0))
+    clear(setup.outputs * channels * net.n, doubles(bars.states, 0))
+    for term in range(codes.size):
+        if channel[term] >= 0 and codes[term] <= SOL:
+            slope = _trajectory_slope(core, codes[term])
+            for j in range(setup.outputs):
+                copy(net.n, shift(slope, j * net.n), doubles(bars.states, (j * channels + channel[term]) * net.n))
+    return channels
+
+
+@njit_inner
+def _trajectory_slope(core, code):
+    """Slope in the trajectory `(N, n)` of SOL or, for a negative code, of one of the user's terms."""
+    if code == SOL:
+        return doubles(core.work.solution_slope, 0)
+    return doubles(core.work.user_slopes, (-1 - code) * core.setup.outputs * core.net.n)
+
+
+@njit_inner
+def _any(size, x):
+    """Whether any element is not zero."""
+    for i in range(size):
+        if x[i] != 0.0:
+            return True
+    return False
+
+
+@njit_inner
+def _pull_back_spectrum_at(core, terms, channels, t, count):
+    """Pull the slopes of all channels in spectrum t of `count` back to the state and to the parameters.
+
+    Where A has fewer entries that depend on the network than there are channels, the derivatives of these entries are
+    computed once.
     """
     net, work, bars = core.curved, core.work, core.bars
     n, entries = net.n, net.m * net.n
-    flags, active = integers(work.active, 0), 0
-    along = integers(work.outcome, 0)[STATUS] == OK  # the states of a failed solve count as constants
-    for term in range(bars.terms):
-        slope, bar_a = complexes(work.slopes, (term * count + t) * n), doubles(work.bar_a, term * entries)
-        flags[term] = int(pull_back_spectrum(core.eigen, t, net.m, slope, bar_a))
-        active += flags[term]
-    if active == 0:
+    channel, active = integers(work.channel, 0), False
+    for term in range(terms):
+        if channel[term] >= 0:
+            slope, bar_a = complexes(work.slopes, (term * count + t) * n), doubles(work.bar_a, channel[term] * entries)
+            active |= pull_back_spectrum(core.eigen, t, net.m, slope, bar_a)
+    if not active:
         return
     record, bar_x = doubles(work.records, t * net.width), doubles(work.bar_x, 0)
     push_tangents(net, record, doubles(work.tangents, 0))
-    shared = entries < active
-    if shared:
-        _entry_rows(core, record)
-    for term in range(bars.terms):
-        if flags[term] == 1:
-            bar_a, gradient = doubles(work.bar_a, term * entries), doubles(bars.packed, term * net.size)
-            clear(n, bar_x)
-            if shared:
-                combine_rows(entries, n, bar_a, doubles(work.rows_x, 0), bar_x)
-                combine_rows(entries, net.size, bar_a, doubles(work.rows_theta, 0), gradient)
-            else:
-                _pull_back_matrix(core, record, bar_a, bar_x, gradient)
-            if along:
-                output = integers(core.setup.indices, 0)[t]
-                add_scaled(n, 1.0, bar_x, doubles(bars.states, (output * bars.terms + term) * n))
-
-
-@njit_inner
-def _entry_rows(core, record):
-    """Fill `work.rows_x` and `work.rows_theta` with the derivatives of every entry of A that the network makes."""
-    net, work = core.curved, core.work
-    entries = net.m * net.n
-    clear(entries * net.n, doubles(work.rows_x, 0))
-    clear(entries * net.size, doubles(work.rows_theta, 0))
-    for e in range(entries):
-        row_x, row_theta = doubles(work.rows_x, e * net.n), doubles(work.rows_theta, e * net.size)
-        _pull_back_matrix(core, record, doubles(work.units, e * entries), row_x, row_theta)
+    clear(channels * n, bar_x)
+    if entries < channels:
+        for e in range(entries):
+            row = next_row(net, bars, channels)
+            factors, row_x = doubles(bars.factors, row * channels), doubles(work.row_x, 0)
+            clear(n, row_x)
+            _pull_back_matrix(
+                core, record, doubles(work.units, e * entries), row_x, doubles(bars.rows, row * bars.stride)
+            )
+            for c in range(channels):
+                factors[c] = doubles(work.bar_a, c * entries)[e]
+                add_scaled(n, factors[c], row_x, shift(bar_x, c * n))
+    else:
+        for c in range(channels):
+            bar_a, gradient = doubles(work.bar_a, c * entries), doubles(bars.packed, c * net.size)
+            if _any(entries, bar_a):
+                _pull_back_matrix(core, record, bar_a, shift(bar_x, c * n), gradient)
+    if integers(work.outcome, 0)[STATUS] == OK:  # the states of a failed solve count as constants
+        output = integers(core.setup.indices, 0)[t]
+        add_scaled(channels * n, 1.0, bar_x, doubles(bars.states, output * channels * n))
 
 
 @njit_inner

@@ -7,29 +7,33 @@ solution, shared by all terms). Step sizes count as constants.
 
 from typing import NamedTuple
 
-from eigenode_cli.engines.compiled.algebra import add_scaled, clear, combine, copy
+from eigenode_cli.engines.compiled.algebra import BLOCK, add_rows, add_scaled, clear, combine, copy
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
 from eigenode_cli.engines.compiled.mlp import pull_back_outputs
 from eigenode_cli.jit import njit_inner
 
 
 class Bars(NamedTuple):
-    """Addresses of the working space of both ways, for L terms, s stages, n states, m outputs and P parameters.
+    """Addresses of the working space of both ways, for at most L channels, s stages, n states, m outputs, P parameters.
+
+    A channel is a term whose cotangents are not all zero: the others are left out from the start, and arrays have the
+    strides of the C channels that there are.
 
     Attributes:
-        terms: L.
-        states: cotangents of the trajectory `(N, L n)`.
-        packed: gradients in the order that they are gathered in (`algebra.add_outer`) `(L, P)`.
-        stage_rates, stage_states: cotangents of the stages' derivatives and states `(s, L n)`.
-        start: cotangent of the state at the step's start `(L n,)`; `carried` that of the derivative at its end.
+        states: cotangents of the trajectory `(N, C n)`.
+        packed: gradients in the order that they are gathered in (`algebra.add_outer`) `(C, P)`.
+        stage_rates, stage_states: cotangents of the stages' derivatives and states `(s, C n)`.
+        start: cotangent of the state at the step's start `(C n,)`; `carried` that of the derivative at its end.
         seeds: unit vectors `(m, m)`.
-        rows_x, rows_theta: derivatives of the outputs in the state and in the parameters, `(m, n)` and `(m, P)`.
+        rows_x: derivatives of the outputs in the state `(m, n)`.
+        waiting: number of rows that wait to be gathered `(1,)`.
+        rows: these rows `(BLOCK, stride)`; `factors` of each channel `(BLOCK, C)`.
+        stride: P in whole cache lines.
         scratch: of the network's pullbacks.
         tangent_state, tangent_stage, tangent_k: forward sensitivities of a state and of a stage `(n, P)`, of the
             stages' derivatives `(s, n, P)`.
     """
 
-    terms: int
     states: int
     packed: int
     stage_rates: int
@@ -38,7 +42,10 @@ class Bars(NamedTuple):
     carried: int
     seeds: int
     rows_x: int
-    rows_theta: int
+    waiting: int
+    rows: int
+    factors: int
+    stride: int
     scratch: int
     tangent_state: int
     tangent_stage: int
@@ -46,47 +53,62 @@ class Bars(NamedTuple):
 
 
 @njit_inner
-def _output_rows(net, record, bars):
-    """Fill `bars.rows_x` and `bars.rows_theta` with the derivatives of every output at a recorded state."""
-    clear(net.m * net.n, doubles(bars.rows_x, 0))
-    clear(net.m * net.size, doubles(bars.rows_theta, 0))
-    for o in range(net.m):
-        seed, row_x = doubles(bars.seeds, o * net.m), doubles(bars.rows_x, o * net.n)
-        row_theta = doubles(bars.rows_theta, o * net.size)
-        pull_back_outputs(net, record, seed, row_x, row_theta, doubles(bars.scratch, 0))
+def next_row(net, bars, channels):
+    """Number of a new row of zeros among those that wait, after a full block has been gathered.
+
+    A row is the derivative of one number in the parameters. Where several channels need it, each with its factor, it
+    is made once and waits until there are enough for one product of matrices.
+    """
+    waiting = integers(bars.waiting, 0)
+    if waiting[0] == BLOCK:
+        gather_rows(net, bars, channels)
+    row = waiting[0]
+    clear(net.size, doubles(bars.rows, row * bars.stride))
+    waiting[0] = row + 1
+    return row
 
 
 @njit_inner
-def combine_rows(count, size, factors, rows, total):
-    """`total += sum_e factors_e rows_e` with `rows (count, size)`; a factor of zero leaves its row unread."""
-    for e in range(count):
-        if factors[e] != 0.0:
-            add_scaled(size, factors[e], shift(rows, e * size), total)
+def gather_rows(net, bars, channels):
+    """Add the rows that wait, times their factors, to the gradients of all channels."""
+    waiting = integers(bars.waiting, 0)
+    for c in range(channels):
+        factors, gradient = doubles(bars.factors, c), doubles(bars.packed, c * net.size)
+        add_rows(waiting[0], net.size, bars.stride, factors, channels, doubles(bars.rows, 0), gradient)
+    waiting[0] = 0
 
 
 @njit_inner
-def _pull_back_field(net, record, bars, bar_rate, bar_x):
-    """Pull cotangents of `f(x)` back, those of all terms: fills `bar_x (L n,)`, adds to `bars.packed`.
+def _pull_back_field(net, record, bars, channels, bar_rate, bar_x):
+    """Pull cotangents of `f(x)` back, those of all channels: fills `bar_x (C n,)`, adds to the gradients.
 
-    Where the network has fewer outputs than there are terms, the derivatives of its outputs are computed once and
-    combined for each term, so that a further term costs a few short vector operations.
+    Where the network has fewer outputs than there are channels, the derivatives of its outputs are computed once, so
+    that a further channel costs a few short vector operations.
     """
     n, m = net.n, net.m
     lead = n - m
-    shared = m < bars.terms
-    if shared:
-        _output_rows(net, record, bars)
-    for term in range(bars.terms):
-        bar, seed = shift(bar_x, term * n), shift(bar_rate, term * n + lead)
-        gradient = doubles(bars.packed, term * net.size)
-        clear(n, bar)
+    for c in range(channels):
+        bar = shift(bar_x, c * n)
+        for i in range(m):
+            bar[i] = 0.0
         for i in range(lead):
-            bar[m + i] = bar_rate[term * n + i]
-        if shared:
-            combine_rows(m, n, seed, doubles(bars.rows_x, 0), bar)
-            combine_rows(m, net.size, seed, doubles(bars.rows_theta, 0), gradient)
-        else:
-            pull_back_outputs(net, record, seed, bar, gradient, doubles(bars.scratch, 0))
+            bar[m + i] = bar_rate[c * n + i]
+    if m < channels:
+        rows_x = doubles(bars.rows_x, 0)
+        clear(m * n, rows_x)
+        for o in range(m):
+            row = next_row(net, bars, channels)
+            factors, row_x = doubles(bars.factors, row * channels), shift(rows_x, o * n)
+            row_theta = doubles(bars.rows, row * bars.stride)
+            pull_back_outputs(net, record, doubles(bars.seeds, o * m), row_x, row_theta, doubles(bars.scratch, 0))
+            for c in range(channels):
+                factors[c] = bar_rate[c * n + lead + o]
+                for i in range(n):
+                    bar_x[c * n + i] += factors[c] * row_x[i]
+    else:
+        for c in range(channels):
+            gradient, seed = doubles(bars.packed, c * net.size), shift(bar_rate, c * n + lead)
+            pull_back_outputs(net, record, seed, shift(bar_x, c * n), gradient, doubles(bars.scratch, 0))
 
 
 @njit_inner
@@ -100,12 +122,12 @@ def _last_output(count, size, states):
 
 
 @njit_inner
-def _gather_outputs(net, method, steps, bars, step, output):
+def _gather_outputs(net, method, steps, bars, channels, step, output):
     """Fill `bars.start` and `bars.stage_rates` with the cotangents that the outputs inside one step put there.
 
     Returns the index of the last output before the step, given that of the last that is not behind it.
     """
-    q = bars.terms * net.n
+    q = channels * net.n
     start, rates = doubles(bars.start, 0), doubles(bars.stage_rates, 0)
     clear(q, start)
     clear(method.stages * q, rates)
@@ -120,14 +142,14 @@ def _gather_outputs(net, method, steps, bars, step, output):
 
 
 @njit_inner
-def adjoint(net, method, steps, bars, outputs):
+def adjoint(net, method, steps, bars, channels, outputs):
     """Add the pullback of `bars.states` for N = `outputs` to `bars.packed` by the discrete adjoint.
 
     Stage j of a step from x: `X_j = x + h sum_(l<j) a_jl k_l`, `k_j = f(X_j)`; the last one is the state at the end
     and the first one of the next step. Backwards, with bars for cotangents: `bar k_j = (outputs, next step) + h
     sum_(l>j) a_lj bar X_l`, `bar X_j = (df/dx)^T bar k_j`, `bar x = (outputs) + sum_j bar X_j`.
     """
-    q, stages = bars.terms * net.n, method.stages
+    q, stages = channels * net.n, method.stages
     output = _last_output(outputs, q, doubles(bars.states, 0))
     if output == 0:
         return
@@ -137,7 +159,7 @@ def adjoint(net, method, steps, bars, outputs):
     clear(q, carried)
     clear(q, end)
     for step in range(integers(steps.output_step, 0)[output], -1, -1):
-        output = _gather_outputs(net, method, steps, bars, step, output)
+        output = _gather_outputs(net, method, steps, bars, channels, step, output)
         h = doubles(steps.size, 0)[step]
         add_scaled(q, 1.0, carried, shift(rates, (stages - 1) * q))
         for j in range(stages - 1, 0, -1):
@@ -145,24 +167,25 @@ def adjoint(net, method, steps, bars, outputs):
             weights = doubles(method.transposed, j * stages + j + 1)
             combine(q, behind, rate, h, weights, shift(state, q), rate)
             record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
-            _pull_back_field(net, record, bars, rate, state)
+            _pull_back_field(net, record, bars, channels, rate, state)
             if j == stages - 1:
                 add_scaled(q, 1.0, end, state)
             add_scaled(q, 1.0, state, start)
         combine(q, stages - 1, rates, h, doubles(method.transposed, 1), shift(states, q), carried)
         copy(q, start, end)
-    _pull_back_field(net, doubles(steps.record, 0), bars, carried, end)
+    _pull_back_field(net, doubles(steps.record, 0), bars, channels, carried, end)
 
 
 @njit_inner
-def forward_sensitivities(net, method, steps, bars, outputs):
+def forward_sensitivities(net, method, steps, bars, channels, outputs):
     """Add the pullback of `bars.states` for N = `outputs` to `bars.packed` by forward sensitivities along the steps.
 
     The solution Jacobian `(n, P)` is carried from step to step and contracted with the cotangents of the outputs in
     each, through the stages, so that it is never interpolated or stored.
     """
     n, stages, length = net.n, method.stages, net.n * net.size
-    final = _last_output(outputs, bars.terms * n, doubles(bars.states, 0))
+    q = channels * n
+    final = _last_output(outputs, q, doubles(bars.states, 0))
     if final == 0:
         return
     state, stage, k = doubles(bars.tangent_state, 0), doubles(bars.tangent_stage, 0), doubles(bars.tangent_k, 0)
@@ -172,19 +195,18 @@ def forward_sensitivities(net, method, steps, bars, outputs):
     for step in range(output_step[final] + 1):
         while output < final and output_step[output + 1] <= step:
             output += 1
-        _gather_outputs(net, method, steps, bars, step, output)
+        _gather_outputs(net, method, steps, bars, channels, step, output)
         for j in range(1, stages):
             h = doubles(steps.size, 0)[step]
             combine(length, j, state, h, doubles(method.a, j * stages), k, stage)
             record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
             _push_field(net, record, bars, stage, shift(k, j * length))
-        q = bars.terms * n
-        for term in range(bars.terms):
-            gradient = doubles(bars.packed, term * net.size)
-            combine_rows(n, net.size, doubles(bars.start, term * n), state, gradient)
-            for j in range(stages):
-                factors = doubles(bars.stage_rates, j * q + term * n)
-                combine_rows(n, net.size, factors, shift(k, j * length), gradient)
+        for c in range(channels):
+            gradient = doubles(bars.packed, c * net.size)
+            add_rows(n, net.size, net.size, doubles(bars.start, c * n), 1, state, gradient)
+            for i in range(n):
+                factors = doubles(bars.stage_rates, c * n + i)
+                add_rows(stages, net.size, length, factors, q, shift(k, i * net.size), gradient)
         copy(length, stage, state)
         copy(length, shift(k, (stages - 1) * length), k)
 
@@ -194,9 +216,11 @@ def _push_field(net, record, bars, stage, rate):
     """Fill `rate (n, P)` with the sensitivity of `f(x)` at a recorded state for the sensitivity `stage (n, P)` of x."""
     n, m, size = net.n, net.m, net.size
     lead = n - m
-    _output_rows(net, record, bars)
     copy(lead * size, shift(stage, m * size), rate)
+    row_x = doubles(bars.rows_x, 0)
     for o in range(m):
         row = shift(rate, (lead + o) * size)
-        copy(size, doubles(bars.rows_theta, o * size), row)
-        combine_rows(n, size, doubles(bars.rows_x, o * n), stage, row)
+        clear(n, row_x)
+        clear(size, row)
+        pull_back_outputs(net, record, doubles(bars.seeds, o * m), row_x, row, doubles(bars.scratch, 0))
+        add_rows(n, size, size, row_x, 1, stage, row)

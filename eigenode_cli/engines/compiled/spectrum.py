@@ -22,6 +22,7 @@ class Eigen(NamedTuple):
         n: number of states.
         max_condition: the guard: largest condition of an eigenvalue that its sensitivity may show.
         spectra: eigenvalues of all T matrices `(T, n)`.
+        slopes: `d lambda_i / dA`, guarded, of two states `(T, 2, 2, 2)`; beyond, the eigenvectors stand for them.
         left: `conj(w_i) / (w_i^H v_i)`, guarded, `(T, n, n)`.
         right_real, right_imag: parts of `v_i` `(T, n, n)`; `d lambda_i = sum_ab left[i, a] dA[a, b] right[i, b]`.
         a: a matrix, destroyed `(n, n)`.
@@ -35,6 +36,7 @@ class Eigen(NamedTuple):
     n: int
     max_condition: float
     spectra: int
+    slopes: int
     left: int
     right_real: int
     right_imag: int
@@ -69,66 +71,44 @@ def take_spectrum(eigen, a, at, vectors):
 
 @njit_inner
 def _two_by_two(eigen, a, at, vectors, row):
-    """Closed form: `lambda = m +- sqrt(delta^2 + b c)` with half the trace m and half the difference delta.
+    """Closed form: `lambda = mean +- root`, `root^2 = delta^2 + b c` with half the difference delta of the diagonal.
 
-    `A` less the other eigenvalue has rank one: its columns are multiples of v, its rows of w^H, and its trace is the
-    distance of the two eigenvalues.
+    `A` less the other eigenvalue has rank one and the trace `+-2 root`: over its trace it is the projector
+    `v w^H / (w^H v)`, whose transpose is `d lambda / dA` and whose norm is the condition of both eigenvalues.
     """
     mean, delta = 0.5 * (a[0] + a[3]), 0.5 * (a[0] - a[3])
     discriminant = delta * delta + a[1] * a[2]
-    root = complex(math.sqrt(discriminant), 0.0) if discriminant >= 0.0 else complex(0.0, math.sqrt(-discriminant))
+    size = math.sqrt(abs(discriminant))
+    root = complex(size, 0.0) if discriminant >= 0.0 else complex(0.0, size)
     row[0], row[1] = mean + root, mean - root
     if not vectors:
         return 0
-    fired = _rank_one(eigen, root + delta, a[1], a[2], root - delta, 2.0 * root, 2 * at)
-    return fired + _rank_one(eigen, delta - root, a[1], a[2], -delta - root, -2.0 * root, 2 * at + 1)
-
-
-@njit_inner
-def _rank_one(eigen, p, q, r, s, trace, at):
-    """Vectors of the projector `[[p, q], [r, s]] / trace`, whose norm is the eigenvalue's condition.
-
-    Fills entry `at` of both eigenvectors; returns 1 if the guard fired.
-    """
-    left = complexes(eigen.left, 2 * at)
-    right_real, right_imag = doubles(eigen.right_real, 2 * at), doubles(eigen.right_imag, 2 * at)
-    norm = math.sqrt(_square(p) + q * q + r * r + _square(s))
+    first, second = complexes(eigen.slopes, 8 * at), complexes(eigen.slopes, 8 * at + 4)
+    # real roots: |delta + root|^2 + |delta - root|^2 is the same
+    norm = math.sqrt(2.0 * (delta * delta + size * size) + a[1] * a[1] + a[2] * a[2])
     if norm == 0.0:  # a multiple of the identity: any basis of eigenvectors will do
-        for c in range(2):
-            own = 1.0 if c == at % 2 else 0.0
-            left[c], right_real[c], right_imag[c] = complex(own, 0.0), own, 0.0
+        none, one = complex(0.0, 0.0), complex(1.0, 0.0)
+        _set_slopes(first, one, none, none, none)
+        _set_slopes(second, none, none, none, one)
         return 0
-    unit = 1.0 / norm
-    p, q, r, s, trace = p * unit, q * unit, r * unit, s * unit, trace * unit
-    size = math.sqrt(_square(trace))
-    fired = not size * eigen.max_condition >= 1.0
-    if fired:
-        trace = trace * (1.0 / (size * eigen.max_condition)) if size > 0.0 else complex(1.0 / eigen.max_condition, 0.0)
-    # the longer column is v, the row of its larger element divided by that element is w^H
-    if _square(p) + r * r >= _square(s) + q * q:
-        top, bottom = p, complex(r, 0.0)
+    fired = not 2.0 * size * eigen.max_condition >= norm
+    over = 1.0 / (norm / eigen.max_condition if fired else 2.0 * size)
+    if discriminant >= 0.0:
+        off_b, off_c = complex(a[1] * over, 0.0), complex(a[2] * over, 0.0)
+        same, other = complex((size + delta) * over, 0.0), complex((size - delta) * over, 0.0)
+        _set_slopes(first, same, off_c, off_b, other)
+        _set_slopes(second, other, -off_c, -off_b, same)
     else:
-        top, bottom = complex(q, 0.0), s
-    if _square(top) >= _square(bottom):
-        factor = _reciprocal(top * trace)
-        left[0], left[1] = p * factor, q * factor
-    else:
-        factor = _reciprocal(bottom * trace)
-        left[0], left[1] = r * factor, s * factor
-    right_real[0], right_imag[0] = top.real, top.imag
-    right_real[1], right_imag[1] = bottom.real, bottom.imag
-    return int(fired)
+        off_b, off_c = complex(0.0, -a[1] * over), complex(0.0, -a[2] * over)
+        same, other = complex(size * over, -delta * over), complex(size * over, delta * over)
+        _set_slopes(first, same, off_c, off_b, other)
+        _set_slopes(second, other, -off_c, -off_b, same)
+    return 2 * int(fired)
 
 
 @njit_inner
-def _square(z):
-    return z.real * z.real + z.imag * z.imag
-
-
-@njit_inner
-def _reciprocal(z):
-    """`1 / z` of a number whose square neither overflows nor underflows."""
-    return z.conjugate() / _square(z)
+def _set_slopes(slopes, p, q, r, s):
+    slopes[0], slopes[1], slopes[2], slopes[3] = p, q, r, s
 
 
 @njit_inner
@@ -190,6 +170,9 @@ def pull_back_spectrum(eigen, at, m, slope, bar_a):
     for i in range(n):
         if slope[i].real != 0.0 or slope[i].imag != 0.0:
             active = True
+            if n == 2:
+                _add_closed_form(m, slope[i], complexes(eigen.slopes, 8 * at + 4 * i + 4 - 2 * m), bar_a)
+                continue
             start = (at * n + i) * n
             left = complexes(eigen.left, start + n - m)
             for r in range(m):
@@ -197,6 +180,12 @@ def pull_back_spectrum(eigen, at, m, slope, bar_a):
                 right_real, right_imag = doubles(eigen.right_real, start), doubles(eigen.right_imag, start)
                 _add_real_part(n, factor.real, factor.imag, right_real, right_imag, shift(bar_a, r * n))
     return active
+
+
+@njit_inner
+def _add_closed_form(m, slope, derivative, bar_a):
+    for i in range(2 * m):
+        bar_a[i] += slope.real * derivative[i].real + slope.imag * derivative[i].imag
 
 
 @njit_sums
