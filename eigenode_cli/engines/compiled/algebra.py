@@ -34,7 +34,7 @@ BLOCK = 8
 
 @njit_inner
 def add_rows(count, size, stride, factors, step, rows, y):
-    """`y += sum_e factors[e step] rows_e` with `rows (count, size)`, one every `stride`; a factor of 0 may not matter."""
+    """`y += sum_e factors[e step] rows_e` with `rows (count, size)`, one every `stride`."""
     e = 0
     while e + BLOCK <= count:
         _add_block(size, stride, shift(factors, e * step), step, shift(rows, e * stride), y)
@@ -64,6 +64,15 @@ def dot(size, x, y):
     for i in range(size):
         total += x[i] * y[i]
     return total
+
+
+@njit_sums
+def total(size, x):
+    """`sum_i x_i`."""
+    result = 0.0
+    for i in range(size):
+        result += x[i]
+    return result
 
 
 @njit_inner

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenode_cli.engines.compiled.algebra import BLOCK
+from eigenode_cli.engines.compiled.core import Core, Setup, Work
 from eigenode_cli.engines.compiled.integrate import Method, Steps
-from eigenode_cli.engines.compiled.jacobian import scratch_size
-from eigenode_cli.engines.compiled.kernel import Core, Setup, Work
+from eigenode_cli.engines.compiled.jacobian import scratch_rows
 from eigenode_cli.engines.compiled.lapack import DGEEV, dgeev_space
-from eigenode_cli.engines.compiled.memory import address, aligned, whole_lines
+from eigenode_cli.engines.compiled.memory import LINE, address, aligned, whole_lines
 from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
 from eigenode_cli.engines.compiled.pullback import Bars
 from eigenode_cli.engines.compiled.spectrum import Eigen
@@ -19,6 +19,9 @@ from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.terms import NAMES
 
 Floats = NDArray[np.float64]
+
+CACHED = 2**16
+"""Doubles of tangents that a block may have: half of a megabyte, a part of one core's cache."""
 
 
 class Owner:
@@ -107,6 +110,12 @@ class Room:
         )
 
 
+def block_columns(count: int, net: Net) -> int:
+    """States in a block, in whole cache lines: all `count` of them unless their tangents would fill the cache."""
+    fitting = CACHED // max(1, net.tangents) // LINE * LINE
+    return min(whole_lines(count), max(LINE, fitting))
+
+
 def build_core(
     owner: Owner, shape: MlpShape, problem: Problem, method: Method, terms: int, own_terms: int, forward_way: bool
 ) -> tuple[Core, Shared]:
@@ -124,31 +133,37 @@ def build_core(
     )
     memory = (shared.theta, aligned(size))
     scales = tuple(np.array(scale, dtype=np.float64) for scale in (shape.input_scale, shape.output_scale))
-    tables = [layer_table(shape, curved) for curved in (False, True)]
+    tables = [layer_table(shape, blocks) for blocks in (False, True)]
     for array in (*memory, *scales, *tables):
         owner.keep(array)
-    net, curved = (build_net(shape, table, (scales[0], scales[1]), memory) for table in tables)
-    entries = m * n if m * n < terms else 0  # cotangents of single entries of A are shared by the terms or not made
+    net, batch = (
+        build_net(shape, blocks, table, (scales[0], scales[1]), memory)
+        for blocks, table in zip((False, True), tables, strict=True)
+    )
+    columns = block_columns(count, batch)
+    blocks = -(-count // columns)
     work = Work(
-        records=owner.floats(2 * count, curved.width),
-        tangents=owner.floats(curved.tangents),
-        rate=owner.floats(n),
+        columns=columns,
+        blocks=blocks,
+        records=owner.floats(2 * blocks, batch.width, columns),
+        tangents=owner.floats(batch.tangents, columns),
+        pushed=owner.zeros(1, np.int64),
         a=owner.floats(n, n),
+        bar=owner.floats(m, n),
+        rows=owner.floats(m * n, columns),
+        bar_x=owner.floats(n, columns),
+        scratch=owner.floats(scratch_rows(batch), columns),
         slopes=owner.keep(shared.slopes),
         solution_slope=owner.floats(outputs, n),
         user_slopes=owner.keep(shared.user_slopes),
         partner=owner.zeros(n, np.int64),
         match=owner.zeros(n, np.int64),
-        bar_a=owner.floats(terms, m, n),
         channel=owner.zeros(terms, np.int64),
-        units=owner.keep(np.eye(entries)),
-        row_x=owner.floats(n),
-        bar_x=owner.floats(terms, n),
         outcome=owner.keep(shared.outcome),
     )
     bars = _build_bars(owner, net, method, outputs, terms, forward_way)
     eigen = build_eigen(owner, n, 2 * count, problem.max_condition)
-    return Core(net, curved, method, eigen, bars, _build_setup(owner, problem), work), shared
+    return Core(net, batch, method, eigen, bars, _build_setup(owner, problem), work), shared
 
 
 def _build_setup(owner: Owner, problem: Problem) -> Setup:
@@ -195,7 +210,7 @@ def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int
         rows=owner.floats(BLOCK, stride if m < terms else 0),
         factors=owner.floats(BLOCK, terms),
         stride=stride,
-        scratch=owner.floats(scratch_size(net)),
+        scratch=owner.floats(2 * net.widest),
         tangent_state=owner.floats(n, columns),
         tangent_stage=owner.floats(n, columns),
         tangent_k=owner.floats(method.stages, n, columns),

@@ -7,17 +7,16 @@ The user's own terms are evaluated between the two. Nothing is allocated but wha
 """
 
 import math
-from typing import NamedTuple
 
 from numba import carray  # pyright: ignore[reportPrivateImportUsage]  # documented under this name
 
-from eigenode_cli.engines.compiled.algebra import add_scaled, clear, copy
-from eigenode_cli.engines.compiled.integrate import FULL, OK, Method, integrate
-from eigenode_cli.engines.compiled.jacobian import jacobian, pull_back_jacobian, push_tangents
+from eigenode_cli.engines.compiled.algebra import clear, copy
+from eigenode_cli.engines.compiled.blocks import pull_back_spectra, take_block
+from eigenode_cli.engines.compiled.core import ACCEPTED, GUARDED, REACHED, REJECTED, SPECTRA, STATUS
+from eigenode_cli.engines.compiled.integrate import FULL, OK, integrate
 from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, integers, shift, start_of
-from eigenode_cli.engines.compiled.mlp import Net, evaluate_field, mirror_weights, unpack_gradient
-from eigenode_cli.engines.compiled.pullback import Bars, adjoint, forward_sensitivities, gather_rows, next_row
-from eigenode_cli.engines.compiled.spectrum import Eigen, pull_back_spectrum, take_spectrum
+from eigenode_cli.engines.compiled.mlp import mirror_weights, unpack_gradient
+from eigenode_cli.engines.compiled.pullback import adjoint, forward_sensitivities, gather_rows
 from eigenode_cli.jit import njit, njit_inner
 from eigenode_cli.learner import learn
 from eigenode_cli.terms.sol import sol
@@ -25,92 +24,6 @@ from eigenode_cli.terms.spectral import SOL, spectral_terms
 
 ENTRIES = ("advance", "loss_jacobian", "forward", "pull_back", "solve")
 """The functions here that are called from Python, that which calls the others first."""
-
-STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED = range(6)
-"""Entries of `Core.outcome`: how the solve ended, steps, outputs that were reached, spectra that the terms are taken
-over, firings of the guard."""
-
-
-class Setup(NamedTuple):
-    """The problem as the kernels read it, for N data times, T spectra, K pairs; arrays by their addresses.
-
-    Attributes:
-        outputs, rows, pair_count: N, T, K.
-        times: data times `(N,)`.
-        start: initial state `(n,)`.
-        data, mask: observations `(N, n)`.
-        indices: data times at which spectra are taken `(T,)`.
-        references: data states there `(T, n)`, at which a failed solve takes the spectral terms as well.
-        limit: moduli of the states up to which it takes them at the states that it reached `(n,)`.
-        frequency, damping, pairs, stiffness: targets, one row for each of the T spectra and then again `(2 T, ...)`.
-        margin, errors, delta: of the terms.
-        stabilise: whether a failed solve gives spectral terms.
-    """
-
-    outputs: int
-    rows: int
-    pair_count: int
-    times: int
-    start: int
-    data: int
-    mask: int
-    indices: int
-    references: int
-    limit: int
-    frequency: int
-    damping: int
-    pairs: int
-    stiffness: int
-    margin: float
-    errors: int
-    delta: float
-    stabilise: bool
-
-
-class Work(NamedTuple):
-    """Addresses of the working space between the forward kernel and the pullback, for L terms.
-
-    Attributes:
-        records: of the evaluations at which spectra are taken `(2 T, curved.width)`, those at `references` last.
-        tangents: of one of them.
-        rate, a: a state derivative `(n,)`, a Jacobian `(n, n)`.
-        slopes: of the terms in the eigenvalues `(L, T, n)`, or `(L, 2 T, n)` after a failed solve.
-        solution_slope: of SOL in the trajectory `(N, n)`; `user_slopes` of the user's terms `(U, N, n)`.
-        partner, match: of the terms `(n,)`.
-        channel: number of the channel of each term in the pullback, -1 for none `(L,)`.
-        bar_a: cotangent of a Jacobian for each channel `(C, m, n)`.
-        units: unit cotangents `(m n, m, n)`; `row_x (n,)` what one of them is for the state.
-        bar_x: cotangents of a state `(C, n)`.
-        outcome: see above `(6,)`.
-    """
-
-    records: int
-    tangents: int
-    rate: int
-    a: int
-    slopes: int
-    solution_slope: int
-    user_slopes: int
-    partner: int
-    match: int
-    bar_a: int
-    channel: int
-    units: int
-    row_x: int
-    bar_x: int
-    outcome: int
-
-
-class Core(NamedTuple):
-    """Everything that stays the same from call to call; `net` records first derivatives, `curved` second ones too."""
-
-    net: Net
-    curved: Net
-    method: Method
-    eigen: Eigen
-    bars: Bars
-    setup: Setup
-    work: Work
 
 
 @njit
@@ -161,9 +74,8 @@ def _take_spectra(core, status, reached, trajectory, vectors, spectra):
     outcome[SPECTRA], counted = setup.rows, setup.rows
     if status != OK and setup.stabilise:
         counted = _stabilising_rows(core, reached, trajectory)
-    for t in range(setup.rows):
-        fired = _spectrum_at(core, shift(trajectory, integers(setup.indices, 0)[t] * n), t, vectors)
-        outcome[GUARDED] += fired if t < counted else 0
+    for block in range(core.work.blocks):
+        take_block(core, trajectory, 0, block, counted, vectors)
     found = complexes(core.eigen.spectra, 0)
     for t in range(setup.rows):
         for i in range(n):
@@ -172,9 +84,8 @@ def _take_spectra(core, status, reached, trajectory, vectors, spectra):
         for i in range(counted * n, setup.rows * n):  # the terms skip a spectrum of NaN
             found[i] = complex(math.nan, math.nan)
         outcome[SPECTRA] = 2 * setup.rows
-        for t in range(setup.rows):
-            state = doubles(setup.references, t * n)
-            outcome[GUARDED] += _spectrum_at(core, state, setup.rows + t, vectors)
+        for block in range(core.work.blocks):
+            take_block(core, trajectory, 1, block, setup.rows, vectors)
 
 
 @njit_inner
@@ -199,15 +110,6 @@ def solve(core, steps, given, times, states):
     return integrate(
         core.net, core.method, steps, given.size, start_of(given), start, times.size, start_of(times), start_of(states)
     )[0]
-
-
-@njit_inner
-def _spectrum_at(core, state, row, vectors):
-    """Spectrum number `row` at a state `(n,)`, NaN where it was not reached; returns how often the guard fired."""
-    work, record = core.work, doubles(core.work.records, row * core.curved.width)
-    evaluate_field(core.curved, state, record, doubles(work.rate, 0))
-    jacobian(core.curved, record, doubles(work.tangents, 0), doubles(work.a, 0))
-    return take_spectrum(core.eigen, doubles(work.a, 0), row, vectors)
 
 
 @njit_inner
@@ -261,8 +163,8 @@ def pull_back(core, steps, codes, forward_way, values, gradients):
         return
     channels = _open_channels(core, codes, values)
     channel = integers(work.channel, 0)
-    for t in range(outcome[SPECTRA]):
-        _pull_back_spectrum_at(core, codes.size, channels, t, outcome[SPECTRA])
+    for number in range(work.blocks * (outcome[SPECTRA] // setup.rows)):
+        pull_back_spectra(core, codes.size, channels, number)
     if outcome[STATUS] == OK and forward_way:
         forward_sensitivities(net, core.method, steps, bars, channels, setup.outputs)
     elif outcome[STATUS] == OK:
@@ -314,56 +216,10 @@ def _trajectory_slope(core, code):
 @njit_inner
 def _any(size, x):
     """Whether any element is not zero."""
-    for i in range(size):
+    for i in range(size):  # noqa: SIM110  # Numba knows no any() of a generator
         if x[i] != 0.0:
             return True
     return False
-
-
-@njit_inner
-def _pull_back_spectrum_at(core, terms, channels, t, count):
-    """Pull the slopes of all channels in spectrum t of `count` back to the state and to the parameters.
-
-    Where A has fewer entries that depend on the network than there are channels, the derivatives of these entries are
-    computed once.
-    """
-    net, work, bars = core.curved, core.work, core.bars
-    n, entries = net.n, net.m * net.n
-    channel, active = integers(work.channel, 0), False
-    for term in range(terms):
-        if channel[term] >= 0:
-            slope, bar_a = complexes(work.slopes, (term * count + t) * n), doubles(work.bar_a, channel[term] * entries)
-            active |= pull_back_spectrum(core.eigen, t, net.m, slope, bar_a)
-    if not active:
-        return
-    record, bar_x = doubles(work.records, t * net.width), doubles(work.bar_x, 0)
-    push_tangents(net, record, doubles(work.tangents, 0))
-    clear(channels * n, bar_x)
-    if entries < channels:
-        for e in range(entries):
-            row = next_row(net, bars, channels)
-            factors, row_x = doubles(bars.factors, row * channels), doubles(work.row_x, 0)
-            clear(n, row_x)
-            _pull_back_matrix(
-                core, record, doubles(work.units, e * entries), row_x, doubles(bars.rows, row * bars.stride)
-            )
-            for c in range(channels):
-                factors[c] = doubles(work.bar_a, c * entries)[e]
-                add_scaled(n, factors[c], row_x, shift(bar_x, c * n))
-    else:
-        for c in range(channels):
-            bar_a, gradient = doubles(work.bar_a, c * entries), doubles(bars.packed, c * net.size)
-            if _any(entries, bar_a):
-                _pull_back_matrix(core, record, bar_a, shift(bar_x, c * n), gradient)
-    if integers(work.outcome, 0)[STATUS] == OK:  # the states of a failed solve count as constants
-        output = integers(core.setup.indices, 0)[t]
-        add_scaled(channels * n, 1.0, bar_x, doubles(bars.states, output * channels * n))
-
-
-@njit_inner
-def _pull_back_matrix(core, record, bar_a, bar_x, gradient):
-    tangents, scratch = doubles(core.work.tangents, 0), doubles(core.bars.scratch, 0)
-    pull_back_jacobian(core.curved, record, tangents, bar_a, bar_x, gradient, scratch)
 
 
 @njit

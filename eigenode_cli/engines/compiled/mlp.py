@@ -1,7 +1,7 @@
 """The vector field: a multilayer perceptron inside a structure, its value and its pullback (vector-Jacobian product).
 
-An evaluation leaves a record: the input of every layer and the slopes of the activations at it. With it neither a
-pullback nor a Jacobian evaluates an activation again.
+An evaluation leaves a record: the input of every layer and the slopes of the activations at it. With it the pullback
+evaluates no activation again. Jacobians are taken at many states at once (`jacobian`).
 """
 
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.engines.compiled.activations import ACTIVATIONS, activate, activate_twice
+from eigenode_cli.engines.compiled.activations import ACTIVATIONS, activate
 from eigenode_cli.engines.compiled.algebra import add_outer, add_scaled, clear, copy, is_mirrored, multiply
 from eigenode_cli.engines.compiled.memory import address, doubles, integers, shift, whole_lines
 from eigenode_cli.jit import njit_inner
 
 Floats = NDArray[np.float64]
 
-COLUMNS = 9
-INPUTS, OUTPUTS, WEIGHT, BIAS, VALUE, SLOPE, CURVE, STRIDE, TANGENT = range(COLUMNS)
+COLUMNS = 8
+INPUTS, OUTPUTS, WEIGHT, BIAS, VALUE, SLOPE, CURVE, TANGENT = range(COLUMNS)
 """Columns of a layer table: dimensions; where weight and bias stand in theta; where the layer's input and the slopes
-and curvatures of the activation that made it stand in a record (-1 for not at all); the input's size in whole cache
-lines; where its tangents stand (`jacobian`)."""
+and curvatures of the activation that made it stand in a record; where its tangents stand. The last two are of blocks
+only (`jacobian`)."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +73,9 @@ class Net(NamedTuple):
         activation: its code.
         scale_in, scale_out: addresses of the scales `(n,)` and `(m,)`.
         theta, mirror: addresses of the parameters `(size,)`, and of the same with every weight matrix transposed.
-        width: doubles that one evaluation leaves in a record; records hold second derivatives if `curved`.
-        curved: see above.
-        widest: the longest of all layers, in whole cache lines.
-        tangents: doubles of the tangents of all hidden layers in all directions (`jacobian`).
+        width: doubles that one evaluation leaves in a record, or rows that a block of them leaves.
+        widest: the longest of all layers, in whole cache lines; `hidden` the longest of the hidden ones.
+        tangents: rows of the tangents of all hidden layers in all directions, of blocks (`jacobian`).
     """
 
     layers: int
@@ -90,34 +89,45 @@ class Net(NamedTuple):
     theta: int
     mirror: int
     width: int
-    curved: bool
     widest: int
+    hidden: int
     tangents: int
 
 
-def layer_table(shape: MlpShape, curved: bool) -> NDArray[np.int64]:
-    """The layer table of a shape `(D + 1, COLUMNS)`; records hold second derivatives only if `curved`."""
+def layer_table(shape: MlpShape, blocks: bool) -> NDArray[np.int64]:
+    """The layer table of a shape `(D + 1, COLUMNS)`.
+
+    Args:
+        shape: of the field.
+        blocks: places are rows of a block, otherwise doubles of the record of one state, at whole cache lines.
+    """
     table = np.zeros((len(shape.sizes) - 1, COLUMNS), dtype=np.int64)
     parameter, at, tangent = 0, 0, 0
     for level, (inputs, outputs) in enumerate(zip(shape.sizes[:-1], shape.sizes[1:], strict=True)):
-        stride = whole_lines(inputs)
-        blocks = [at, -1, -1] if level == 0 else [at, at + stride, at + 2 * stride if curved else -1]
-        table[level] = [inputs, outputs, parameter, parameter + inputs * outputs, *blocks, stride, tangent]
+        stride = inputs if blocks else whole_lines(inputs)
+        places = [at, at + stride, at + 2 * stride]
+        table[level] = [inputs, outputs, parameter, parameter + inputs * outputs, *places, tangent]
         parameter += (inputs + 1) * outputs
-        at = max(blocks) + stride
-        tangent += 0 if level == 0 else 2 * shape.sizes[0] * stride
+        at += stride * (1 if level == 0 else 3 if blocks else 2)
+        tangent += 0 if level == 0 else 2 * shape.sizes[0] * inputs
     return table
 
 
 def build_net(
-    shape: MlpShape, table: NDArray[np.int64], scales: tuple[Floats, Floats], memory: tuple[Floats, Floats]
+    shape: MlpShape,
+    blocks: bool,
+    table: NDArray[np.int64],
+    scales: tuple[Floats, Floats],
+    memory: tuple[Floats, Floats],
 ) -> Net:
     """The net of a shape on buffers of the caller's: layer table, scales, and room for theta and mirror `(P,)`."""
-    last, n = table[-1], shape.sizes[0]
+    hidden = shape.sizes[1:-1]
+    stride = list(hidden) if blocks else [whole_lines(size) for size in hidden]
+    first = shape.sizes[0] if blocks else whole_lines(shape.sizes[0])
     return Net(
         layers=address(table),
         last=len(table) - 1,
-        n=n,
+        n=shape.sizes[0],
         m=shape.sizes[-1],
         size=shape.parameters,
         activation=ACTIVATIONS[shape.activation],
@@ -125,10 +135,10 @@ def build_net(
         scale_out=address(scales[1]),
         theta=address(memory[0]),
         mirror=address(memory[1]),
-        width=int(last[VALUE : CURVE + 1].max() + last[STRIDE]),
-        curved=bool(last[CURVE] >= 0) or len(table) == 1,
+        width=first + (3 if blocks else 2) * sum(stride),
         widest=whole_lines(max(shape.sizes)),
-        tangents=int(last[TANGENT] + 2 * n * last[STRIDE]),
+        hidden=max(hidden, default=0),
+        tangents=2 * shape.sizes[0] * sum(hidden),
     )
 
 
@@ -176,10 +186,7 @@ def evaluate_field(net, x, record, rate):
         size, above = layer(net, level)[OUTPUTS], layer(net, level + 1)
         z, slope = shift(record, above[VALUE]), shift(record, above[SLOPE])
         _affine(net, level, u, z)
-        if net.curved:
-            activate_twice(net.activation, size, z, slope, shift(record, above[CURVE]))
-        else:
-            activate(net.activation, size, z, slope)
+        activate(net.activation, size, z, slope)
         u = z
     lead = n - m
     y = shift(rate, lead)

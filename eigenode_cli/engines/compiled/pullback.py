@@ -29,7 +29,7 @@ class Bars(NamedTuple):
         waiting: number of rows that wait to be gathered `(1,)`.
         rows: these rows `(BLOCK, stride)`; `factors` of each channel `(BLOCK, C)`.
         stride: P in whole cache lines.
-        scratch: of the network's pullbacks.
+        scratch: of the network's pullbacks `(2, widest)`.
         tangent_state, tangent_stage, tangent_k: forward sensitivities of a state and of a stage `(n, P)`, of the
             stages' derivatives `(s, n, P)`.
     """

@@ -1,0 +1,109 @@
+"""Spectra of many states at once, and the slopes in them pulled back to states and parameters, block by block."""
+
+import math
+
+from eigenode_cli.engines.compiled.algebra import all_finite, clear
+from eigenode_cli.engines.compiled.core import GUARDED, SPECTRA, STATUS
+from eigenode_cli.engines.compiled.integrate import OK
+from eigenode_cli.engines.compiled.jacobian import evaluate_block, jacobian_block, pull_back_block, push_tangents
+from eigenode_cli.engines.compiled.memory import complexes, doubles, integers, shift
+from eigenode_cli.engines.compiled.spectrum import pull_back_spectrum, take_spectrum
+from eigenode_cli.jit import njit_inner
+
+
+@njit_inner
+def take_block(core, trajectory, side, block, counted, vectors):
+    """Spectra of one block, NaN where a state or a Jacobian is not finite.
+
+    Such a state leaves a record of zeros, so that nothing of it gets into the sums over the columns.
+
+    Args:
+        core, trajectory: of the solve.
+        side, block: which block, along the trajectory (0) or at the references (1).
+        counted: number of spectra of this side in which firings of the guard count.
+        vectors: whether what the pullback needs is computed.
+    """
+    net, work, setup, n = core.batch, core.work, core.setup, core.net.n
+    columns, number, first = work.columns, side * work.blocks + block, block * work.columns
+    record, tangents = doubles(work.records, number * net.width * columns), doubles(work.tangents, 0)
+    a, rows, outcome = doubles(work.a, 0), doubles(work.rows, 0), integers(work.outcome, 0)
+    _load_states(core, trajectory, side, first, record)
+    evaluate_block(net, columns, record)
+    push_tangents(net, columns, record, tangents)
+    jacobian_block(net, columns, tangents, rows)
+    integers(work.pushed, 0)[0] = number
+    lead, entries = (n - net.m) * n, net.m * n
+    clear(lead, a)
+    for c in range(min(columns, setup.rows - first)):
+        for i in range(n - net.m):
+            a[i * n + net.m + i] = 1.0
+        for i in range(entries):
+            a[lead + i] = rows[i * columns + c]
+        if not all_finite(n, _state(core, trajectory, side, first + c)):
+            a[lead] = math.nan
+        fired = take_spectrum(core.eigen, a, side * setup.rows + first + c, vectors)
+        outcome[GUARDED] += fired if first + c < counted else 0
+        if not all_finite(entries, shift(a, lead)):
+            integers(work.pushed, 0)[0] = -1
+            for row in range(net.width):
+                record[row * columns + c] = 0.0
+
+
+@njit_inner
+def _state(core, trajectory, side, t):
+    """The state `(n,)` of spectrum t on a side."""
+    if side == 0:
+        return shift(trajectory, integers(core.setup.indices, 0)[t] * core.net.n)
+    return doubles(core.setup.references, t * core.net.n)
+
+
+@njit_inner
+def _load_states(core, trajectory, side, first, record):
+    """Fill the leading n rows of a record with the scaled states from number `first` on, zero for one not finite."""
+    columns, n, scale_in = core.work.columns, core.net.n, doubles(core.net.scale_in, 0)
+    for c in range(columns):
+        inside = first + c < core.setup.rows and all_finite(n, _state(core, trajectory, side, first + c))
+        for i in range(n):
+            value = _state(core, trajectory, side, first + c)[i] if inside else 0.0
+            record[i * columns + c] = scale_in[i] * value
+
+
+@njit_inner
+def pull_back_spectra(core, terms, channels, number):
+    """Pull the slopes of all channels in the spectra of one block back to the states and to the parameters."""
+    net, setup, work, bars, n = core.batch, core.setup, core.work, core.bars, core.net.n
+    columns, side, channel = work.columns, number // work.blocks, integers(work.channel, 0)
+    first = (number - side * work.blocks) * columns
+    count, pushed = min(columns, setup.rows - first), integers(work.pushed, 0)
+    record, tangents = doubles(work.records, number * net.width * columns), doubles(work.tangents, 0)
+    bar_x, spectra = doubles(work.bar_x, 0), integers(work.outcome, 0)[SPECTRA]
+    for term in range(terms):
+        row = side * setup.rows + first
+        slopes = complexes(work.slopes, (term * spectra + row) * n)
+        if channel[term] < 0 or not _load_cotangents(core, row, count, slopes):
+            continue
+        if pushed[0] != number:
+            push_tangents(net, columns, record, tangents)
+            pushed[0] = number
+        packed, scratch = doubles(bars.packed, channel[term] * net.size), doubles(work.scratch, 0)
+        pull_back_block(net, columns, record, tangents, doubles(work.rows, 0), bar_x, packed, scratch)
+        if integers(work.outcome, 0)[STATUS] == OK:  # the states of a failed solve count as constants
+            for c in range(count):
+                output = integers(setup.indices, 0)[first + c]
+                bar = doubles(bars.states, (output * channels + channel[term]) * n)
+                for i in range(n):
+                    bar[i] += bar_x[i * columns + c]
+
+
+@njit_inner
+def _load_cotangents(core, row, count, slopes):
+    """Fill `work.rows` with the cotangents of the Jacobians from number `row` on; returns whether any is not zero."""
+    columns, m, n = core.work.columns, core.net.m, core.net.n
+    rows, bar, active = doubles(core.work.rows, 0), doubles(core.work.bar, 0), False
+    clear(m * n * columns, rows)
+    for c in range(count):
+        if pull_back_spectrum(core.eigen, row + c, m, shift(slopes, c * n), bar):
+            active = True
+            for i in range(m * n):
+                rows[i * columns + c] = bar[i]
+    return active
