@@ -41,12 +41,12 @@ def assert_same(ours: LossJacobian, reference: LossJacobian, relative: float) ->
         np.testing.assert_allclose(a[i], b[j], rtol=1e-7, atol=1e-8)
 
 
-def compare_frozen(field: VectorField, problem: Problem, theta: Floats, relative: float = 1e-9) -> None:
+def compare_frozen(field: VectorField, problem: Problem, theta: Floats) -> None:
     compiled = CompiledEngine(shape_of(field), problem)
     adaptive = compiled.loss_jacobian(theta)
     steps = compiled.steps
     reference = TorchEngine(field, problem, {}).loss_jacobian(theta, steps.tolist())
-    assert_same(compiled.loss_jacobian(theta, steps), reference, relative)
+    assert_same(compiled.loss_jacobian(theta, steps), reference, 1e-9)
     assert adaptive.n_accepted == steps.size
 
 
@@ -58,7 +58,7 @@ def test_all_terms_at_frozen_steps(case: Case, hidden: list[int], weights: str) 
     compare_frozen(field, problem, theta)
 
 
-def many_states(n: int) -> tuple[VectorField, Problem]:
+def many_states(n: int, hidden: list[int]) -> tuple[VectorField, Problem]:
     """A field of n states with the trajectory of another random field as data, and targets with pairs and reals."""
     case = make_case("oscillator")
     generator = np.random.default_rng(n)
@@ -71,7 +71,7 @@ def many_states(n: int) -> tuple[VectorField, Problem]:
     config = MlpConfig(
         name="mlp",
         structure="second_order",
-        hidden=[12],
+        hidden=hidden,
         activation="tanh",
         init="kaiming",
         input_scaling="max_abs",
@@ -81,9 +81,12 @@ def many_states(n: int) -> tuple[VectorField, Problem]:
 
 
 @pytest.mark.parametrize("n", [4, 10])
-def test_more_states_at_frozen_steps(n: int) -> None:
-    field, problem = many_states(n)
-    compare_frozen(field, problem, flat_parameters(field), relative=1e-8)
+@pytest.mark.parametrize("hidden", [[12], [14, 11], [12, 10, 11]], ids=str)
+@pytest.mark.parametrize("weights", ["random", "trained"])
+def test_more_states_at_frozen_steps(n: int, hidden: list[int], weights: str) -> None:
+    field, problem = many_states(n, hidden)
+    theta = trained(field, problem, 50) if weights == "trained" else flat_parameters(field)
+    compare_frozen(field, problem, theta)
 
 
 @pytest.mark.parametrize(
