@@ -97,7 +97,7 @@ class CompiledEngine:
         self._given = self._given_steps(self._times)
         self._room = self._make_room(self._given.size or min(FIRST_CAPACITY, self._method.max_steps))
         self._dense_room: Room | None = None
-        self._compiled = False
+        self._loaded: set[str] = set()
         self.compile_seconds = 0.0
 
     @property
@@ -122,7 +122,7 @@ class CompiledEngine:
             self._room = self._make_room(given.size)
         values, gradients = np.empty(self._codes.size), np.empty((self._codes.size, self._shared.theta.size))
         states, spectra = self._outputs()
-        self._compile()
+        self._ready(*(("forward", "pull_back") if self._own else ("loss_jacobian",)))
         run = self._run_split if self._own else self._run_fused
         while run(given, values, gradients, states, spectra) == FULL:
             self._grow()
@@ -143,7 +143,7 @@ class CompiledEngine:
         if self._own:
             return single_step(self, theta, rule, rates, halt)
         self._load(theta)
-        self._compile()
+        self._ready("advance")
         values, statuses = np.empty((rates.size, self._codes.size)), np.empty(rates.size, dtype=np.int64)
         gradients = np.empty((self._codes.size, theta.size))
         states, spectra = self._outputs()
@@ -181,7 +181,7 @@ class CompiledEngine:
         which may go beyond them, are those of a solve of their own from the same initial state.
         """
         self._load(theta)
-        self._compile()
+        self._ready(*(() if self._own else ("advance",)), "forward", "solve")  # first what calls the others
         values = np.empty(len(NAMES))
         states, spectra = self._outputs()
         while (
@@ -269,14 +269,19 @@ class CompiledEngine:
             raise ValueError(f"steps must add up to the horizon of {horizon} s")
         return given
 
-    def _compile(self) -> None:
-        """Compile or load the kernels before their first call, and take the time."""
-        if self._compiled:
-            return
-        dispatchers: dict[str, Any] = {name: getattr(kernel, name) for name in kernel.ENTRIES}
+    def _ready(self, *names: str) -> None:
+        """Compile or load the kernels of these names before their first call, and take the time."""
+        for name in names:
+            if name not in self._loaded:
+                self._load_kernel(name)
+                self._loaded.add(name)
+
+    def _load_kernel(self, name: str) -> None:
+        dispatcher: Any = getattr(kernel, name)
         cache = Path(config.CACHE_DIR)  # pyright: ignore[reportAttributeAccessIssue]  # set by name
-        if not all(d.signatures or any(cache.rglob(f"kernel.{name}-*.nbi")) for name, d in dispatchers.items()):
+        if not dispatcher.signatures and not any(cache.rglob(f"kernel.{name}-*.nbi")):
             self._announce("compiling the engine, once for this version (half a minute)")
+            self._announce = _silent  # the kernels that follow are parts of it
         states, spectra = self._outputs()
         values, gradients = np.empty(1), np.empty((1, 1))
         solve = (self._core, self._room.steps, NO_STEPS)
@@ -290,10 +295,8 @@ class CompiledEngine:
             "solve": (*solve, values, states),
         }
         start = time.perf_counter()
-        for name, dispatcher in dispatchers.items():
-            dispatcher.compile(tuple(numba.typeof(argument) for argument in arguments[name]))
-        self.compile_seconds = time.perf_counter() - start
-        self._compiled = True
+        dispatcher.compile(tuple(numba.typeof(argument) for argument in arguments[name]))
+        self.compile_seconds += time.perf_counter() - start
 
 
 def _solver(owner: Owner, solver: SolverConfig) -> tuple[Method, float]:

@@ -22,9 +22,6 @@ from eigenode_cli.learner import learn
 from eigenode_cli.terms.sol import sol
 from eigenode_cli.terms.spectral import SOL, spectral_terms
 
-ENTRIES = ("advance", "loss_jacobian", "forward", "pull_back", "solve")
-"""The functions here that are called from Python, that which calls the others first."""
-
 
 @njit
 def forward(core, steps, given, codes, vectors, values, states, spectra):
