@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eigenode_cli.config.schema import StatedTargetConfig, TargetConfig
+from eigenode_cli.config.schema import StatedTargetConfig, TruthTargetConfig
 from eigenode_cli.data import Data, Floats
 from eigenode_cli.engines.base import Complexes, Engine
 from eigenode_cli.field import VectorField
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import write_table
-from eigenode_cli.reference import reference_solution
+from eigenode_cli.reference import reference_solution, truth_spectra
 from eigenode_cli.spectra.eig import eig
 from eigenode_cli.spectra.jacobian import jacobian
 from eigenode_cli.spectra.pairs import UNMATCHED
@@ -50,7 +50,7 @@ def write_eigenvalues(
     engine: Engine,
     theta: Floats,
     problem: Problem,
-    target: TargetConfig,
+    target: TruthTargetConfig | StatedTargetConfig,
 ) -> None:
     """eigenvalues.csv: the model's eigenvalues at all data times along its trajectory, tracked, with their targets."""
     times, count = problem.data.times, problem.data.times.size
@@ -69,7 +69,8 @@ def write_eigenvalues(
     if isinstance(target, StatedTargetConfig):
         targets = np.tile(stated_spectrum(target), (count, 1))
     else:
-        targets = np.linalg.eigvals(system.jacobian(problem.data.states)).astype(np.complex128)
+        truth = reference_solution(system, problem.initial_state, times)
+        targets = truth_spectra(system, truth, target.frequency_factor)
     rows: list[list[float | int | str]] = []
     for time, spectrum, wanted in zip(times, spectra, targets, strict=True):
         mode_of = assign(spectrum, wanted)

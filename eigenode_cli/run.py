@@ -5,7 +5,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -29,12 +29,12 @@ from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
-from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets
+from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets, with_noise
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.user import load_user_terms
-from eigenode_cli.trainer import Trainer, Unsolvable, summary
+from eigenode_cli.trainer import Pretraining, Trainer, Unsolvable, summary
 
 DENSE = 1000
 """Number of equidistant times of the horizon at which dense_error compares."""
@@ -54,8 +54,15 @@ class Setup:
     engine: Engine
     stages: tuple[Engine, ...]
     """Engines over the growing horizon; the last one is `engine`."""
+    pretraining: Pretraining | None
+    """What trains before them."""
     names: tuple[str, ...]
     """All terms that are recorded: the six and the user's own."""
+
+    @property
+    def engines(self) -> tuple[Engine, ...]:
+        """All of them, in the order of the steps."""
+        return (*(() if self.pretraining is None else (self.pretraining.engine,)), *self.stages)
 
 
 def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup:
@@ -72,11 +79,12 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     torch.manual_seed(config.seed)
     system: System = SYSTEMS[config.system.dynamics](config.system)
     start = np.array(config.system.initial_state, dtype=np.float64)
-    data = sample(system, start, config.system.horizon, config.system.points, config.system.observed)
+    truth = sample(system, start, config.system.horizon, config.system.points, config.system.observed)
+    data = with_noise(truth, config.system.noise, config.seed)
     terms = canonical(split_grads(config.grads))
     problem = Problem(
         data=data,
-        targets=build_targets(config, system, data),
+        targets=build_targets(config, system, truth),
         every=config.eigen.every,
         terms=terms,
         errors=np.array([ERRORS[getattr(config.error, name)] for name in NAMES], dtype=np.int64),
@@ -87,24 +95,30 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
         solver=config.solver,
         stabilise=config.trainer.on_unsolvable == "stabilise",
     )
-    field = build_field(config.network, data.states, system.dynamics(data.states), config.seed)
+    field = build_field(config.network, truth.states, system.dynamics(truth.states), config.seed)
     user_terms = load_user_terms(config.terms)
     engine = build_engine(config, field, problem, user_terms, announce)
     growing = [
         build_engine(config, field, problem.until(fraction), user_terms, _unheard)
         for fraction in config.trainer.horizons[:-1]
     ]
-    return Setup(config, system, data, problem, field, engine, (*growing, engine), (*NAMES, *sorted(user_terms)))
+    pretraining = None
+    if config.trainer.pretrain is not None:
+        first = canonical(split_grads(config.trainer.pretrain))
+        before = build_engine(config, field, replace(problem, terms=first), user_terms, _unheard)
+        pretraining = Pretraining(before, gradient_scales(config, first))
+    stages, names = (*growing, engine), (*NAMES, *user_terms)
+    return Setup(config, system, data, problem, field, engine, stages, pretraining, names)
 
 
-def build_targets(config: TrainConfig, system: System, data: Data) -> Targets:
-    """The targets of every spectrum."""
-    states = data.states[:: config.eigen.every]
+def build_targets(config: TrainConfig, system: System, truth: Data) -> Targets:
+    """The targets of every spectrum; `truth` is the data before any noise."""
+    states = truth.states[:: config.eigen.every]
     target = config.target
     if isinstance(target, StatedTargetConfig):
         targets = stated_targets(target.frequency, target.damping, states.shape[0])
     else:
-        targets = truth_targets(system, states)
+        targets = truth_targets(system, states, target.frequency_factor)
     if target.stiffness is not None:
         targets.stiffness[:] = target.stiffness
     return targets
@@ -215,6 +229,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
             trainer = Trainer(
                 engine=setup.engine,
                 stages=setup.stages,
+                pretraining=setup.pretraining,
                 optimizer=optimizer,
                 combination=combination(config.combine),
                 terms=setup.problem.terms,
@@ -233,7 +248,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
         record |= {
             "steps": progress.step,
             "train_seconds": progress.train_seconds,
-            "compile_seconds": sum(engine.compile_seconds for engine in setup.stages),
+            "compile_seconds": sum(engine.compile_seconds for engine in setup.engines),
             "unsolvable_steps": progress.unsolvable_steps,
             "guard_count": progress.guard_count,
         }

@@ -24,6 +24,15 @@ class Unsolvable(Exception):
     """A solve failed and `trainer.on_unsolvable=stop` asks the run to end."""
 
 
+@dataclass(frozen=True)
+class Pretraining:
+    """What trains in the first steps in place of the rest: an engine of its own terms, and factors of their gradients
+    `(L',)`."""
+
+    engine: Engine
+    scales: Floats
+
+
 @dataclass
 class Trainer:
     """One training.
@@ -31,6 +40,7 @@ class Trainer:
     Attributes:
         engine: evaluates the terms over the whole horizon for the record.
         stages: compute the loss Jacobian, one after another for an equal share of the steps; the last is `engine`.
+        pretraining: comes before them for the first `config.pretrain_steps` steps; None for nothing.
         optimizer: takes the updates.
         combination: scaled gradients `(L, P)` to updates `(K, P)`.
         terms: the named terms `(L,)`.
@@ -46,6 +56,7 @@ class Trainer:
 
     engine: Engine
     stages: Sequence[Engine]
+    pretraining: Pretraining | None
     optimizer: Optimizer
     combination: Callable[[Floats], Floats]
     terms: tuple[str, ...]
@@ -85,17 +96,24 @@ class Trainer:
             raise
 
     def _step(self) -> None:
-        engine = self.stages[self.progress.step * len(self.stages) // self.config.steps]
+        engine, scales = self._stage(self.progress.step)
         start = perf_counter() - engine.compile_seconds
         jacobian = engine.loss_jacobian(self.theta)
         self._note_status(jacobian)
-        gradients = acting(jacobian.gradients, self.scales)
+        gradients = acting(jacobian.gradients, scales)
         if gradients.size > 0:
             for update in self.combination(gradients):
                 self.optimizer.update(self.theta, update)
         self.progress.step += 1
         self.progress.guard_count += jacobian.guard_count
         self.progress.train_seconds += perf_counter() - engine.compile_seconds - start
+
+    def _stage(self, step: int) -> tuple[Engine, Floats]:
+        """What takes a training step: engine and scales, by the number of the step alone, so that resuming is safe."""
+        first = self.config.pretrain_steps
+        if self.pretraining is not None and step < first:
+            return self.pretraining.engine, self.pretraining.scales
+        return self.stages[(step - first) * len(self.stages) // (self.config.steps - first)], self.scales
 
     def _note_status(self, jacobian: LossJacobian) -> None:
         """Count failed solves, and say when they begin and when the field is solvable again."""

@@ -77,13 +77,14 @@ def make() -> Iterator[Make]:
 
 
 def make_trainer(folder: Path, engine: Bowl, start: float, **changes: object) -> Trainer:
-    options = {"steps": 10, "record_every": 4, "checkpoint_every": 5, "on_unsolvable": "stabilise"}
+    options = {"steps": 10, "record_every": 4, "checkpoint_every": 5, "pretrain_steps": 0, "on_unsolvable": "stabilise"}
     config = TrainerConfig(**(options | changes))  # type: ignore[arg-type]
     recorder = Recorder(folder, ("sol", "frq", "dmp", "stb", "osc", "stf"), np.zeros(TIMES.size))
     recorder.open(None)
     return Trainer(
         engine=engine,
         stages=[engine],
+        pretraining=None,
         optimizer=build_optimizer(
             SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1
         ),

@@ -107,7 +107,7 @@ def choose(wanted: Sequence[str], protocol: str | None) -> tuple[str, dict[str, 
     if wanted:
         return protocol or next(iter(experiments.values())).protocols[0], experiments
     chosen = protocol or DEFAULT_PROTOCOL
-    mine = {name: experiment for name, experiment in experiments.items() if chosen in experiment.protocols}
+    mine = {name: one for name, one in experiments.items() if chosen in one.protocols and not one.by_name}
     if not mine:
         raise UserError(f"--protocol {chosen}: no experiment is made for it; name the experiments to run under it")
     return chosen, mine
