@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eigenode_cli.config.schema import StatedTargetConfig, TruthTargetConfig
+from eigenode_cli.config.schema import StatedTargetConfig, TargetConfig, TruthTargetConfig
 from eigenode_cli.data import Data, Floats
 from eigenode_cli.engines.base import Complexes, Engine
 from eigenode_cli.field import VectorField
@@ -50,7 +50,7 @@ def write_eigenvalues(
     engine: Engine,
     theta: Floats,
     problem: Problem,
-    target: TruthTargetConfig | StatedTargetConfig,
+    target: TargetConfig,
 ) -> None:
     """eigenvalues.csv: the model's eigenvalues at all data times along its trajectory, tracked, with their targets."""
     times, count = problem.data.times, problem.data.times.size
@@ -68,9 +68,11 @@ def write_eigenvalues(
     spectra = np.take_along_axis(spectra, order, axis=1)
     if isinstance(target, StatedTargetConfig):
         targets = np.tile(stated_spectrum(target), (count, 1))
-    else:
+    elif isinstance(target, TruthTargetConfig):
         truth = reference_solution(system, problem.initial_state, times)
         targets = truth_spectra(system, truth, target.frequency_factor)
+    else:
+        raise TypeError(f"no targets come from a {type(target).__name__}")
     rows: list[list[float | int | str]] = []
     for time, spectrum, wanted in zip(times, spectra, targets, strict=True):
         mode_of = assign(spectrum, wanted)

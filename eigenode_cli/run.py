@@ -19,7 +19,13 @@ from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
 from eigenode_cli.combine import COMBINATIONS, sequential_repeating_last
-from eigenode_cli.config.schema import CombineConfig, SequentialConfig, StatedTargetConfig, TrainConfig
+from eigenode_cli.config.schema import (
+    CombineConfig,
+    SequentialConfig,
+    StatedTargetConfig,
+    TrainConfig,
+    TruthTargetConfig,
+)
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine
@@ -117,8 +123,10 @@ def build_targets(config: TrainConfig, system: System, truth: Data) -> Targets:
     target = config.target
     if isinstance(target, StatedTargetConfig):
         targets = stated_targets(target.frequency, target.damping, states.shape[0])
-    else:
+    elif isinstance(target, TruthTargetConfig):
         targets = truth_targets(system, states, target.frequency_factor)
+    else:
+        raise TypeError(f"no targets come from a {type(target).__name__}")
     if target.stiffness is not None:
         targets.stiffness[:] = target.stiffness
     return targets
@@ -229,7 +237,6 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
             trainer = Trainer(
                 engine=setup.engine,
                 stages=setup.stages,
-                pretraining=setup.pretraining,
                 optimizer=optimizer,
                 combination=combination(config.combine),
                 terms=setup.problem.terms,
@@ -241,6 +248,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
                 theta=theta,
                 network=partial(_network_state, setup.field),
                 progress=progress,
+                pretraining=setup.pretraining,
             )
             last = trainer.run()
     finally:

@@ -26,8 +26,12 @@ class Unsolvable(Exception):
 
 @dataclass(frozen=True)
 class Pretraining:
-    """What trains in the first steps in place of the rest: an engine of its own terms, and factors of their gradients
-    `(L',)`."""
+    """What trains in the first steps, in place of everything else.
+
+    Attributes:
+        engine: of its own terms.
+        scales: factor of each of these terms' gradients `(L,)`.
+    """
 
     engine: Engine
     scales: Floats
@@ -40,7 +44,6 @@ class Trainer:
     Attributes:
         engine: evaluates the terms over the whole horizon for the record.
         stages: compute the loss Jacobian, one after another for an equal share of the steps; the last is `engine`.
-        pretraining: comes before them for the first `config.pretrain_steps` steps; None for nothing.
         optimizer: takes the updates.
         combination: scaled gradients `(L, P)` to updates `(K, P)`.
         terms: the named terms `(L,)`.
@@ -52,11 +55,11 @@ class Trainer:
         theta: parameters `(P,)`, changed in place.
         network: the network's tensors at given parameters, for checkpoints.
         progress: where the training stands.
+        pretraining: comes before the stages, for the first `config.pretrain_steps` steps; None for nothing.
     """
 
     engine: Engine
     stages: Sequence[Engine]
-    pretraining: Pretraining | None
     optimizer: Optimizer
     combination: Callable[[Floats], Floats]
     terms: tuple[str, ...]
@@ -68,6 +71,7 @@ class Trainer:
     theta: Floats
     network: Callable[[Floats], dict[str, Any]]
     progress: Progress
+    pretraining: Pretraining | None = None
 
     def run(self) -> dict[str, Any]:
         """Train to the last step and return its record.

@@ -16,7 +16,7 @@ from eigenode_cli.engines.base import Evaluation, LossJacobian
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.recorder import Progress, Recorder, load_last
 from eigenode_cli.solve.status import Status
-from eigenode_cli.trainer import Trainer, Unsolvable, summary
+from eigenode_cli.trainer import Pretraining, Trainer, Unsolvable, summary
 
 TIMES = np.linspace(0.0, 1.0, 1000)
 
@@ -84,7 +84,6 @@ def make_trainer(folder: Path, engine: Bowl, start: float, **changes: object) ->
     return Trainer(
         engine=engine,
         stages=[engine],
-        pretraining=None,
         optimizer=build_optimizer(
             SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1
         ),
@@ -129,6 +128,16 @@ def test_growing_horizon_trains_each_stage_for_an_equal_share(make: Make, tmp_pa
     trainer.run()
     assert [len(stage.seen) for stage in stages] == [5, 5]
     assert len(trainer.engine.seen) == 4  # the records look at the whole horizon
+
+
+def test_pretraining_takes_the_first_steps_and_stages_share_the_others(make: Make, tmp_path: Path) -> None:
+    stages, before = [Bowl(), Bowl()], Bowl()
+    trainer = make(tmp_path, Bowl(), 1.0, pretrain_steps=4, steps=10)
+    trainer.stages = stages
+    trainer.pretraining = Pretraining(before, np.array([0.0, 0.5]))
+    trainer.run()
+    assert [len(engine.seen) for engine in (before, *stages)] == [4, 3, 3]
+    np.testing.assert_allclose(before.seen, 1.0 - 0.05 * np.arange(4), rtol=1e-12)  # its own scales: 0.1 times 0.5
 
 
 def test_a_failed_solve_heals_and_says_so(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

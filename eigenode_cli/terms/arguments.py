@@ -1,4 +1,7 @@
-"""What a term of the user's own asks for, read off the names of its arguments. Light: the command line is checked with it."""
+"""What a term of the user's own asks for, read off the names of its arguments.
+
+Light: the command line is checked with it.
+"""
 
 import inspect
 from collections.abc import Callable
@@ -16,10 +19,12 @@ def arguments_of(function: Callable[..., Any]) -> tuple[str, ...]:
     Raises:
         ValueError: it asks for something that there is not, or not by name, or its signature cannot be read.
     """
-    parameter = inspect.Parameter
-    listed = list(inspect.signature(function).parameters.values())
+    kind = inspect.Parameter
+    rest = (kind.VAR_POSITIONAL, kind.VAR_KEYWORD)
+    listed = [one for one in inspect.signature(function).parameters.values() if one.kind not in rest]
     for one in listed:
-        named = one.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
-        if one.default is parameter.empty and not (named and one.name in ARGUMENTS):
+        if one.kind is kind.POSITIONAL_ONLY:
+            raise ValueError(f"argument '{one.name}' can't be given by name; take the / out of the function's head")
+        if one.default is kind.empty and one.name not in ARGUMENTS:
             raise ValueError(unknown("argument", one.name, ARGUMENTS))
     return tuple(one.name for one in listed if one.name in ARGUMENTS)

@@ -3,8 +3,8 @@
 They are given what SOL is given and no more: the observed states and the initial state, never the truth.
 
     eigenode train +terms.jac=eigenode_cli.terms.peers:jacobian_norm grads=sol+jac scale.jac=0.01
-    eigenode train +terms.match=eigenode_cli.terms.peers:derivative_matching trainer.pretrain=match \\
-        trainer.pretrain_steps=1000 grads=sol
+    eigenode train +terms.match=eigenode_cli.terms.peers:derivative_matching grads=sol
+        trainer.pretrain=match trainer.pretrain_steps=1000
 """
 
 from functools import lru_cache
@@ -67,8 +67,9 @@ def _collocation(times: bytes, data: bytes, second_order: bool) -> tuple[Tensor,
         if column < 0 or (order == 1 and not second_order):
             raise ValueError(f"derivative matching: nothing shows state {i}; observe it")
         known = np.isfinite(seen[:, column])
-        if known.sum() < 2 * EDGE + DEGREE:
-            raise ValueError(f"derivative matching: {known.sum()} data times are too few, observe state {column} oftener")
+        count = int(known.sum())
+        if count < 2 * EDGE + DEGREE:
+            raise ValueError(f"derivative matching: {count} data times of state {column} are too few for a spline")
         spline = make_interp_spline(t[known], smoothed(t[known], seen[known, column]), k=DEGREE)
         states[:, i], rates[:, i] = spline(inner, order), spline(inner, order + 1)
     return torch.from_numpy(states), torch.from_numpy(rates)

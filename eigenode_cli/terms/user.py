@@ -3,7 +3,7 @@
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor
@@ -61,7 +61,7 @@ def load_user_terms(paths: dict[str, str]) -> dict[str, UserTerm]:
             candidate = getattr(importlib.import_module(module), function)
             if not callable(candidate):
                 raise ValueError("not a function")
-            terms[name] = user_term(candidate)
+            terms[name] = user_term(cast(Callable[..., Tensor], candidate))
         except (ImportError, AttributeError, ValueError) as error:
             raise ValueError(f"terms.{name}={path}: {error}") from error
     return terms
