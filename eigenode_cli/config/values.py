@@ -174,7 +174,7 @@ def _trainer(config: DictConfig) -> Iterator[str]:
         yield f"trainer.pretrain_steps={share}: no terms to train with; name them, for example trainer.pretrain=frq+dmp"
     if terms is not None and share == 0:
         yield f"trainer.pretrain={terms}: how long? write trainer.pretrain_steps=... (of trainer.steps={steps})"
-    if share >= steps:
+    if 0 < steps <= share:
         yield f"trainer.pretrain_steps={share}: must be below trainer.steps={steps}, grads={config.grads} has the rest"
 
 
