@@ -196,7 +196,7 @@ def test_pretraining_resumes_to_the_same_bytes(tmp_path: Path) -> None:
     assert run_module.resume(config, cut, record(cut), quiet=True) == 0
     assert without_time(cut) == without_time(whole)
     losses = {name: [float(row[name]) for row in metrics(whole)] for name in ("sol", "match")}
-    assert losses["match"][29] < 0.9 * losses["match"][0]
+    assert losses["match"][29] < 0.98 * losses["match"][0]
 
 
 def test_noise_shows_in_the_data_and_nowhere_else(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ COLORS = {HOLDS: "green", MIXED: "yellow", FAILS: "red", UNDEFINED: "red"}
 NOTHING = "\N{EN DASH}"
 RUNS_NOTE = (
     "Runs are shown as they end: medians over the seeds with quartiles in brackets; failures are seeds without a"
-    " number. The largest real part of any eigenvalue along the trajectory is in 1/s. Time is that of the training of the"
-    " fastest seed, as a ratio to the first run of the table, and belongs to the machine."
+    " number. The largest real part of any eigenvalue along the trajectory is in 1/s. Time is the training time of the"
+    " fastest seed as a ratio to the first run of the table; it belongs to the machine."
 )
 
 
