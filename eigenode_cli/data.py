@@ -22,6 +22,13 @@ class Data:
     states: Floats
     mask: NDArray[np.bool_]
 
+    @property
+    def seen(self) -> Floats:
+        """What is known of the states `(N, n)`: NaN where nothing is observed, but for the initial state."""
+        seen = np.where(self.mask, self.states, np.nan)
+        seen[0] = self.states[0]
+        return seen
+
 
 @dataclass(frozen=True)
 class Targets:

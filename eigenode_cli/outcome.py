@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eigenode_cli.config.schema import StatedTargetConfig, TargetConfig
+from eigenode_cli.config.schema import StatedTargetConfig, TargetConfig, TruthTargetConfig
 from eigenode_cli.data import Data, Floats
 from eigenode_cli.engines.base import Complexes, Engine
 from eigenode_cli.field import VectorField
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import write_table
-from eigenode_cli.reference import reference_solution
+from eigenode_cli.reference import reference_solution, truth_spectra
 from eigenode_cli.spectra.eig import eig
 from eigenode_cli.spectra.jacobian import jacobian
 from eigenode_cli.spectra.pairs import UNMATCHED
@@ -68,8 +68,11 @@ def write_eigenvalues(
     spectra = np.take_along_axis(spectra, order, axis=1)
     if isinstance(target, StatedTargetConfig):
         targets = np.tile(stated_spectrum(target), (count, 1))
+    elif isinstance(target, TruthTargetConfig):
+        truth = reference_solution(system, problem.initial_state, times)
+        targets = truth_spectra(system, truth, target.frequency_factor)
     else:
-        targets = np.linalg.eigvals(system.jacobian(problem.data.states)).astype(np.complex128)
+        raise TypeError(f"no targets come from a {type(target).__name__}")
     rows: list[list[float | int | str]] = []
     for time, spectrum, wanted in zip(times, spectra, targets, strict=True):
         mode_of = assign(spectrum, wanted)

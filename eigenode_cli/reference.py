@@ -1,11 +1,13 @@
 """The reference solution of a system, and what is sampled from it: data, targets, the truth of a figure."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from eigenode_cli.data import Data, Floats, Targets
+from eigenode_cli.engines.base import Complexes
 from eigenode_cli.spectra.pairs import REAL, find_partners
 from eigenode_cli.systems.base import System
 from eigenode_cli.terms.stf import stiffness_ratio
@@ -49,6 +51,21 @@ def sample(system: System, initial_state: Floats, horizon: float, points: int, o
     return Data(times=times, states=states, mask=np.broadcast_to(seen, states.shape).copy())
 
 
+def with_noise(data: Data, share: float, seed: int) -> Data:
+    """The data with Gaussian noise on what is observed, but for the initial state; the same for all runs of a seed.
+
+    Args:
+        data: of the truth.
+        share: standard deviation as a share of each state's largest modulus; 0 gives the data as it is.
+        seed: of the draw.
+    """
+    if share == 0.0:
+        return data
+    noise = share * np.abs(data.states).max(axis=0) * np.random.default_rng(seed).standard_normal(data.states.shape)
+    noise[0] = 0.0
+    return replace(data, states=np.where(data.mask, data.states + noise, data.states))
+
+
 def targets_of_spectra(spectra: np.ndarray) -> Targets:
     """Targets as they follow from given spectra `(T, n)` in 1/s: pairs, their frequency and damping, stiffness."""
     count, n = spectra.shape
@@ -67,9 +84,19 @@ def targets_of_spectra(spectra: np.ndarray) -> Targets:
     return Targets(frequency=frequency, damping=damping, pairs=pairs, stiffness=stiffness)
 
 
-def truth_targets(system: System, states: Floats) -> Targets:
-    """Targets of the truth at the states `(T, n)` of its own trajectory."""
-    return targets_of_spectra(np.linalg.eigvals(system.jacobian(states)).astype(np.complex128))
+def truth_spectra(system: System, states: Floats, frequency_factor: float) -> Complexes:
+    """Spectra `(T, n)` of the truth in 1/s at the states `(T, n)` of its own trajectory.
+
+    With a `frequency_factor` other than 1 they are wrong on purpose: each pair has its frequency times the factor, and
+    its damping ratio, so that it is scaled as a whole; real eigenvalues stay.
+    """
+    spectra = np.linalg.eigvals(system.jacobian(states)).astype(np.complex128)
+    return np.where(spectra.imag == 0.0, spectra, frequency_factor * spectra)
+
+
+def truth_targets(system: System, states: Floats, frequency_factor: float = 1.0) -> Targets:
+    """Targets of `truth_spectra`."""
+    return targets_of_spectra(truth_spectra(system, states, frequency_factor))
 
 
 def stated_targets(frequency: list[float], damping: list[float], count: int) -> Targets:

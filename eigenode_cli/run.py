@@ -19,7 +19,13 @@ from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
 from eigenode_cli.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST
-from eigenode_cli.config.schema import CombineConfig, SequentialConfig, StatedTargetConfig, TrainConfig
+from eigenode_cli.config.schema import (
+    CombineConfig,
+    SequentialConfig,
+    StatedTargetConfig,
+    TrainConfig,
+    TruthTargetConfig,
+)
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine
@@ -29,12 +35,13 @@ from eigenode_cli.optimizer import Optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
-from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets
+from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets, with_noise
+from eigenode_cli.stages import build_stages
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.user import load_user_terms
-from eigenode_cli.trainer import Trainer, Unsolvable, summary
+from eigenode_cli.trainer import Stage, Trainer, Unsolvable, summary
 
 DENSE = 1000
 """Number of equidistant times of the horizon at which dense_error compares."""
@@ -52,10 +59,15 @@ class Setup:
     problem: Problem
     field: VectorField
     engine: Engine
-    stages: tuple[Engine, ...]
-    """Engines over the growing horizon; the last one is `engine`."""
+    stages: tuple[Stage, ...]
+    """What trains at each step; `engine` is that of the records."""
     names: tuple[str, ...]
     """All terms that are recorded: the six and the user's own."""
+
+    @property
+    def engines(self) -> set[Engine]:
+        """All of them, each once."""
+        return {self.engine, *(stage.engine for stage in self.stages)}
 
 
 def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup:
@@ -72,11 +84,12 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     torch.manual_seed(config.seed)
     system: System = SYSTEMS[config.system.dynamics](config.system)
     start = np.array(config.system.initial_state, dtype=np.float64)
-    data = sample(system, start, config.system.horizon, config.system.points, config.system.observed)
+    truth = sample(system, start, config.system.horizon, config.system.points, config.system.observed)
+    data = with_noise(truth, config.system.noise, config.seed)
     terms = canonical(split_grads(config.grads))
     problem = Problem(
         data=data,
-        targets=build_targets(config, system, data),
+        targets=build_targets(config, system, truth),
         every=config.eigen.every,
         terms=terms,
         errors=np.array([ERRORS[getattr(config.error, name)] for name in NAMES], dtype=np.int64),
@@ -87,24 +100,23 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
         solver=config.solver,
         stabilise=config.trainer.on_unsolvable == "stabilise",
     )
-    field = build_field(config.network, data.states, system.dynamics(data.states), config.seed)
+    field = build_field(config.network, truth.states, system.dynamics(truth.states), config.seed)
     user_terms = load_user_terms(config.terms)
     engine = build_engine(config, field, problem, user_terms, announce)
-    growing = [
-        build_engine(config, field, problem.until(fraction), user_terms, _unheard)
-        for fraction in config.trainer.horizons[:-1]
-    ]
-    return Setup(config, system, data, problem, field, engine, (*growing, engine), (*NAMES, *sorted(user_terms)))
+    stages = build_stages(config, field, problem, user_terms, engine)
+    return Setup(config, system, data, problem, field, engine, stages, (*NAMES, *user_terms))
 
 
-def build_targets(config: TrainConfig, system: System, data: Data) -> Targets:
-    """The targets of every spectrum."""
-    states = data.states[:: config.eigen.every]
+def build_targets(config: TrainConfig, system: System, truth: Data) -> Targets:
+    """The targets of every spectrum; `truth` is the data before any noise."""
+    states = truth.states[:: config.eigen.every]
     target = config.target
     if isinstance(target, StatedTargetConfig):
         targets = stated_targets(target.frequency, target.damping, states.shape[0])
+    elif isinstance(target, TruthTargetConfig):
+        targets = truth_targets(system, states, target.frequency_factor)
     else:
-        targets = truth_targets(system, states)
+        raise TypeError(f"no targets come from a {type(target).__name__}")
     if target.stiffness is not None:
         targets.stiffness[:] = target.stiffness
     return targets
@@ -115,19 +127,6 @@ def combination(config: CombineConfig) -> int:
     if isinstance(config, SequentialConfig) and config.repeat_last_update:
         return SEQUENTIAL_REPEATING_LAST
     return COMBINATIONS[config.name]
-
-
-def gradient_scales(config: TrainConfig, terms: Sequence[str]) -> Floats:
-    """Factor of each named term's gradient `(L,)`.
-
-    Under `eigen.eigenvalue_count=times` the terms that average over eigenvalues count N/2 of them (N data times)
-    instead of n. That is a constant factor, so it is applied here and the recorded losses stay what they are.
-    """
-    scales = np.array([config.scale.get(term, 1.0) for term in terms])
-    if config.eigen.eigenvalue_count == "times":
-        counted = np.array([term in ("frq", "dmp", "stb", "osc") for term in terms])
-        scales[counted] *= len(config.system.initial_state) / (config.system.points / 2.0)
-    return scales
 
 
 def train(
@@ -218,7 +217,6 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
                 optimizer=optimizer,
                 combination=combination(config.combine),
                 terms=setup.problem.terms,
-                scales=gradient_scales(config, setup.problem.terms),
                 config=config.trainer,
                 recorder=recorder,
                 display=shown,
@@ -233,7 +231,9 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
         record |= {
             "steps": progress.step,
             "train_seconds": progress.train_seconds,
-            "compile_seconds": sum(engine.compile_seconds for engine in setup.stages),
+            "compile_seconds": sum(
+                engine.compile_seconds for engine in {setup.engine, *(s.engine for s in setup.stages)}
+            ),
             "unsolvable_steps": progress.unsolvable_steps,
             "guard_count": progress.guard_count,
         }

@@ -26,17 +26,31 @@ class Unsolvable(Exception):
     """A solve failed and `trainer.on_unsolvable=stop` asks the run to end."""
 
 
+@dataclass(frozen=True)
+class Stage:
+    """Training steps that one engine takes.
+
+    Attributes:
+        first: number of the first of them; the stage lasts to that of the next one.
+        engine: computes the loss Jacobian of L terms.
+        scales: factor of each of these terms' gradients `(L,)`.
+    """
+
+    first: int
+    engine: Engine
+    scales: Floats
+
+
 @dataclass
 class Trainer:
     """One training.
 
     Attributes:
         engine: evaluates the terms over the whole horizon for the record.
-        stages: compute the loss Jacobian, one after another for an equal share of the steps; the last is `engine`.
+        stages: what trains, one after another; the first begins at step 0.
         optimizer: takes the updates.
         combination: how several gradients become updates, a code of `combine`.
-        terms: the named terms `(L,)`.
-        scales: factor of each named term's gradient `(L,)`.
+        terms: names of those whose losses the display shows.
         config: steps, records, checkpoints, what to do when a solve fails.
         recorder: writes records and checkpoints.
         display: shows progress.
@@ -47,11 +61,10 @@ class Trainer:
     """
 
     engine: Engine
-    stages: Sequence[Engine]
+    stages: Sequence[Stage]
     optimizer: Optimizer
     combination: int
     terms: tuple[str, ...]
-    scales: Floats
     config: TrainerConfig
     recorder: Recorder
     display: Display
@@ -59,10 +72,10 @@ class Trainer:
     theta: Floats
     network: Callable[[Floats], dict[str, Any]]
     progress: Progress
-    _rule: Rule = field(init=False)
+    _rules: list[Rule] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._rule = build_rule(self.combination, self.scales, self.optimizer)
+        self._rules = [build_rule(self.combination, stage.scales, self.optimizer) for stage in self.stages]
 
     def run(self) -> dict[str, Any]:
         """Train to the last step and return its record.
@@ -91,24 +104,28 @@ class Trainer:
 
     def _advance(self) -> None:
         """Training steps up to the next one before which something is written or the engine changes."""
-        step, steps, config = self.progress.step, self.config.steps, self.config
-        stage = step * len(self.stages) // steps
+        step, config = self.progress.step, self.config
+        number = self._stage(step)
+        engine, following = self.stages[number].engine, self.stages[number + 1 : number + 2]
         events = [
-            steps,
-            -(-(stage + 1) * steps // len(self.stages)),  # the first step of the next stage
+            config.steps,
+            *(stage.first for stage in following),
             step - step % config.record_every + config.record_every,
             step - step % config.checkpoint_every + config.checkpoint_every,
             step + self._steps_in(BREATH_SECONDS),
         ]
         rates = np.array([self.optimizer.lr(k) for k in range(step, min(events))])
-        engine = self.stages[stage]
         start = perf_counter() - engine.compile_seconds
-        taken = engine.advance(self.theta, self._rule, rates, config.on_unsolvable == "stop")
+        taken = engine.advance(self.theta, self._rules[number], rates, config.on_unsolvable == "stop")
         self.progress.train_seconds += perf_counter() - engine.compile_seconds - start
         self.progress.guard_count += taken.guard_count
         for status, values in zip(taken.statuses.tolist(), taken.values, strict=True):
             self._note_status(Status(status), values)
             self.progress.step += 1
+
+    def _stage(self, step: int) -> int:
+        """Number of the stage that a step belongs to: by the step alone, so that resuming is safe."""
+        return max(number for number, stage in enumerate(self.stages) if stage.first <= step)
 
     def _steps_in(self, seconds: float) -> int:
         """About as many steps as take so many seconds, at least one."""

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from safetensors.torch import load_file
 
+from eigenode_cli import run as run_module
 from eigenode_cli.combine import COMBINATIONS
+from eigenode_cli.config.compose import compose, typed
+from eigenode_cli.console import QuietDisplay
 from eigenode_cli.field.init import INITS
 from eigenode_cli.terms import NAMES
 from tests.sweep.helpers import eigenode, start
@@ -167,6 +170,59 @@ def test_killed_run_resumes_to_the_same_bytes(tmp_path: Path) -> None:
     whole = train(tmp_path, *words, "hydra.run.dir=whole")
     assert without_time(tmp_path / "cut") == without_time(tmp_path / whole)
     assert record(tmp_path / "cut")["status"] == "finished"
+
+
+def test_pretraining_resumes_to_the_same_bytes(tmp_path: Path) -> None:
+    """Cut in the first stage, and again in the second one; both engines and terms are chosen by the step alone."""
+    peer = "eigenode_cli.terms.peers:derivative_matching"
+    words = [
+        "system=oscillator",
+        "grads=sol+stb",
+        f"+terms.match={peer}",
+        "trainer.pretrain=match",
+        "trainer.pretrain_steps=30",
+        "trainer.horizons=[0.5,1]",
+        "trainer.record_every=1",
+        "trainer.checkpoint_every=5",
+    ]
+    config = typed(compose([*words, "trainer.steps=60", "trainer.figures=false"]))
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    whole.mkdir()
+    cut.mkdir()
+    assert run_module.train(config, whole, words, quiet=True) == 0
+    assert run_module.train(config, cut, words, quiet=True, watch=InterruptedAt(12)) == 130
+    assert record(cut)["steps"] == 12
+    assert run_module.resume(config, cut, record(cut), quiet=True, watch=InterruptedAt(47)) == 130
+    assert run_module.resume(config, cut, record(cut), quiet=True) == 0
+    assert without_time(cut) == without_time(whole)
+    losses = {name: [float(row[name]) for row in metrics(whole)] for name in ("sol", "match")}
+    assert losses["match"][29] < 0.98 * losses["match"][0]
+
+
+def test_noise_shows_in_the_data_and_nowhere_else(tmp_path: Path) -> None:
+    words = ("system=oscillator", "grads=sol+frq", "trainer.steps=1", "trainer.figures=false")
+    clean = train(tmp_path, *words, "hydra.run.dir=clean")
+    noisy = train(tmp_path, *words, "system.noise=0.1", "hydra.run.dir=noisy")
+    first = [metrics(tmp_path / run)[0] for run in (clean, noisy)]
+    changed = {name for name in first[0] if first[0][name] != first[1][name]}
+    assert changed - {"train_seconds"} == {"sol"}
+    shown = [np.genfromtxt(tmp_path / run / "data.csv", delimiter=",", skip_header=1)[:, 1] for run in (clean, noisy)]
+    assert shown[0][0] == shown[1][0]
+    assert np.std(shown[1] - shown[0]) == pytest.approx(0.1, rel=0.3)
+    targets = [np.genfromtxt(tmp_path / run / "eigenvalues.csv", delimiter=",", names=True) for run in (clean, noisy)]
+    np.testing.assert_array_equal(targets[0]["target_im"], targets[1]["target_im"])
+
+
+class InterruptedAt(QuietDisplay):
+    """The user's Ctrl-C at a record."""
+
+    def __init__(self, step: int) -> None:
+        self.step = step
+
+    def record(self, step: int, losses: dict[str, float], rate: float | None) -> None:
+        del losses, rate
+        if step == self.step:
+            raise KeyboardInterrupt
 
 
 def test_interrupted_run_says_how_to_go_on(tmp_path: Path) -> None:

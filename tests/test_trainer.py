@@ -17,9 +17,10 @@ from eigenode_cli.learner import Rule
 from eigenode_cli.optimizer import Optimizer
 from eigenode_cli.recorder import Progress, Recorder, load_last
 from eigenode_cli.solve.status import Status
-from eigenode_cli.trainer import Trainer, Unsolvable, summary
+from eigenode_cli.trainer import Stage, Trainer, Unsolvable, summary
 
 TIMES = np.linspace(0.0, 1.0, 1000)
+SCALES = np.array([1.0, 2.0])
 
 
 class Bowl:
@@ -80,18 +81,19 @@ def make() -> Iterator[Make]:
         trainer.recorder.close()
 
 
-def make_trainer(folder: Path, engine: Bowl, start: float, **changes: object) -> Trainer:
+def make_trainer(
+    folder: Path, engine: Bowl, start: float, stages: list[Stage] | None = None, **changes: object
+) -> Trainer:
     options = {"steps": 10, "record_every": 4, "checkpoint_every": 5, "on_unsolvable": "stabilise"}
     config = TrainerConfig(**(options | changes))  # type: ignore[arg-type]
     recorder = Recorder(folder, ("sol", "frq", "dmp", "stb", "osc", "stf"), np.zeros(TIMES.size))
     recorder.open(None)
     return Trainer(
         engine=engine,
-        stages=[engine],
+        stages=stages or [Stage(0, engine, SCALES)],
         optimizer=Optimizer(SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1),
         combination=SEQUENTIAL,
         terms=("sol", "stb"),
-        scales=np.array([1.0, 2.0]),
         config=config,
         recorder=recorder,
         display=LineDisplay("stub", 0, 10),
@@ -123,13 +125,14 @@ def test_records_and_checkpoints_fall_on_their_steps_and_on_the_last(make: Make,
     assert last["step"] == 10
 
 
-def test_growing_horizon_trains_each_stage_for_an_equal_share(make: Make, tmp_path: Path) -> None:
-    stages = [Bowl(), Bowl()]
-    trainer = make(tmp_path, Bowl(), 1.0)
-    trainer.stages = stages
-    trainer.run()
-    assert [len(stage.seen) for stage in stages] == [5, 5]
-    assert len(trainer.engine.seen) == 4  # the records look at the whole horizon
+def test_stages_take_their_steps_with_their_scales(make: Make, tmp_path: Path) -> None:
+    before, *rest = engines = [Bowl(), Bowl(), Bowl()]
+    stages = [Stage(0, before, np.array([0.0, 0.5])), Stage(4, rest[0], SCALES), Stage(7, rest[1], SCALES)]
+    whole = Bowl()
+    make(tmp_path, whole, 1.0, stages=stages).run()
+    assert [len(engine.seen) for engine in engines] == [4, 3, 3]
+    assert len(whole.seen) == 4  # the records look at the whole horizon
+    np.testing.assert_allclose(before.seen, 1.0 - 0.05 * np.arange(4), rtol=1e-12)  # its own scales: 0.1 times 0.5
 
 
 def test_a_failed_solve_heals_and_says_so(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

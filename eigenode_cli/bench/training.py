@@ -23,9 +23,10 @@ from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.field import flat_parameters, load_flat
 from eigenode_cli.optimizer import Optimizer
 from eigenode_cli.recorder import Progress, Recorder
-from eigenode_cli.run import DENSE, build, gradient_scales
+from eigenode_cli.run import DENSE, build
+from eigenode_cli.stages import gradient_scales
 from eigenode_cli.terms import NAMES
-from eigenode_cli.trainer import Trainer
+from eigenode_cli.trainer import Stage, Trainer
 
 STANDSTILL = 1e-15
 """Learning rate of steps that are only timed: the weights stay where they are."""
@@ -83,11 +84,10 @@ def trainer_for(
 
     trainer = Trainer(
         engine=engine,
-        stages=[engine],
+        stages=[Stage(0, engine, gradient_scales(config, case.problem.terms))],
         optimizer=Optimizer(config.optimizer, theta.size),
         combination=COMBINATIONS[config.combine.name],
         terms=case.problem.terms,
-        scales=gradient_scales(config, case.problem.terms),
         config=config.trainer,
         recorder=recorder,
         display=QuietDisplay(),

@@ -38,6 +38,7 @@ def reproduce(args: argparse.Namespace) -> int:
     committed = _committed(args.check)
     from eigenode_cli.reproduce import study as way  # noqa: PLC0415  # joblib and Hydra, only where they are needed
     from eigenode_cli.reproduce.journal import write_tables  # noqa: PLC0415
+    from eigenode_cli.reproduce.runs import print_runs, run_tables, write_runs  # noqa: PLC0415
     from eigenode_cli.reproduce.tables import Summary, print_verdicts, write_verdicts  # noqa: PLC0415
     from eigenode_cli.reproduce.verdicts import differences  # noqa: PLC0415
 
@@ -50,10 +51,13 @@ def reproduce(args: argparse.Namespace) -> int:
     summary = Summary(study.protocol, study.repetitions, titles, _command(args, study.protocol))
     folder = args.output or way.default_output(study)
     folder.mkdir(parents=True, exist_ok=True)
-    write_verdicts(folder, verdicts, summary)
+    runs = run_tables(study)
+    write_verdicts(folder, verdicts, summary, runs)
+    write_runs(folder, runs)
     write_tables(study, folder)
     if not args.no_figures:
         _draw(study, verdicts, summary, folder)
+    print_runs(runs)
     print_verdicts(verdicts, summary)
     print(f"verdicts {folder / 'verdicts.md'}")
     if committed is None:

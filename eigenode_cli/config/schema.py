@@ -29,6 +29,9 @@ class SystemConfig:
     """Number of equidistant data times, both ends included."""
     observed: list[str] = MISSING
     """Names of the states that the data shows and SOL compares."""
+    noise: float = option(at_least=0)
+    """Standard deviation of Gaussian noise on what the data shows, as a share of each state's largest modulus. The
+    initial state, which is known, has none, and targets are those of the truth."""
 
 
 @dataclass
@@ -181,6 +184,14 @@ class TargetConfig:
 
 
 @dataclass
+class TruthTargetConfig(TargetConfig):
+    """Targets from the truth along its own trajectory."""
+
+    frequency_factor: float = option(above=0)
+    """Factor on the truth's frequencies: anything but 1 trains on a wrong target, to see what that costs."""
+
+
+@dataclass
 class StatedTargetConfig(TargetConfig):
     """Targets stated by the user, the same at all times."""
 
@@ -201,6 +212,10 @@ class TrainerConfig:
     """Steps between checkpoints."""
     horizons: list[float] = option(above=0, at_most=1)
     """Growing horizon: leading fractions of it, each trained for an equal share of the steps; [1] for all at once."""
+    pretrain: str | None = MISSING
+    """Terms, joined by +, whose gradients train in place of `grads` at first; null for none."""
+    pretrain_steps: int = option(at_least=0)
+    """How many of the steps that takes, over the whole horizon; `horizons` share the others."""
     figures: bool = MISSING
     """Whether figures and the report are made at the end; `eigenode plot` and `report` make them later."""
     on_unsolvable: str = option(choices=names.ON_UNSOLVABLE)
@@ -273,6 +288,6 @@ SCHEMAS: dict[str, dict[str, type]] = {
     "optimizer": {"adam": AdamConfig, "sgd": SgdConfig},
     "combine": {"plain": CombineConfig, "sequential": SequentialConfig},
     "engine": {"plain": EngineConfig, "compiled": CompiledEngineConfig},
-    "target": {"truth": TargetConfig, "stated": StatedTargetConfig},
+    "target": {"truth": TruthTargetConfig, "stated": StatedTargetConfig},
 }
 """Schemas of each group's choices, registered with Hydra as `schema/<group>/<name>`."""

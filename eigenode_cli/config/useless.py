@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from omegaconf import DictConfig
 
-from eigenode_cli.terms import split_grads
+from eigenode_cli.terms import training_terms
 
 
 def useless_options(config: DictConfig, typed: Sequence[str]) -> dict[str, str]:
@@ -22,7 +22,7 @@ def useless_options(config: DictConfig, typed: Sequence[str]) -> dict[str, str]:
 
 
 def _reason(config: DictConfig, key: str) -> str | None:
-    words = split_grads(config.grads)
+    words = list(training_terms(config.grads, config.trainer.pretrain))
     group, _, name = key.rpartition(".")
     if group == "scale" and name not in words:
         return f"grads={config.grads} does not have {name}; add it or leave the scale out"

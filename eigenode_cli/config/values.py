@@ -12,7 +12,8 @@ from eigenode_cli.config.constraint import constraint_of
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.engines.obstacle import obstacle
 from eigenode_cli.errors import nearest, unknown
-from eigenode_cli.terms import NAMES, split_grads
+from eigenode_cli.terms import NAMES, split_grads, training_terms
+from eigenode_cli.terms.arguments import arguments_of
 
 NO_SYMBOLIC_JACOBIAN = ("polynomial",)
 """Networks without a Jacobian in closed form."""
@@ -65,16 +66,17 @@ def _value_faults(value: Any, entry: "Field[Any]", key: str) -> Iterator[str]:
 
 
 def _terms(config: DictConfig) -> Iterator[str]:
-    """Every word of `grads`, every scale and every own term has a name that exists."""
+    """Every word of `grads` and `trainer.pretrain`, every scale and every own term has a name that exists."""
     known = [*NAMES, *config.terms]
-    words = split_grads(config.grads)
-    for word in dict.fromkeys(words):
-        if not word:
-            yield f"grads={config.grads}: an empty term; join terms with +, for example grads=sol+frq"
-        elif word not in known:
-            yield f"grads={config.grads}: {unknown('term', word, known)}"
-        elif words.count(word) > 1:
-            yield f"grads={config.grads}: term '{word}' is repeated; write it once"
+    for key, text in (("grads", config.grads), ("trainer.pretrain", config.trainer.pretrain)):
+        words = [] if text is None else split_grads(text)
+        for word in dict.fromkeys(words):
+            if not word:
+                yield f"{key}={text}: an empty term; join terms with +, for example {key}=sol+frq"
+            elif word not in known:
+                yield f"{key}={text}: {unknown('term', word, known)}"
+            elif words.count(word) > 1:
+                yield f"{key}={text}: term '{word}' is repeated; write it once"
     for name, factor in config.scale.items():
         if name not in known:
             yield f"scale.{name}={show(factor)}: {unknown('term', name, known)}"
@@ -104,7 +106,12 @@ def _import_fault(module: str, function: str) -> str | None:
         loaded = importlib.import_module(module)
     except Exception as error:  # the user's code may raise anything on import
         return f"cannot import {module} ({type(error).__name__}: {error})"
-    if callable(getattr(loaded, function, None)):
+    candidate = getattr(loaded, function, None)
+    if callable(candidate):
+        try:
+            arguments_of(candidate)
+        except ValueError as error:
+            return f"{function} of {module}: {error}"
         return None
     functions = [name for name, value in vars(loaded).items() if callable(value) and not name.startswith("_")]
     return f"module {module} has no such function; {unknown('function', function, functions)}"
@@ -155,13 +162,20 @@ def _eigen(config: DictConfig) -> Iterator[str]:
 
 
 def _trainer(config: DictConfig) -> Iterator[str]:
-    """A growing horizon grows, up to the whole of it."""
+    """A growing horizon grows, up to the whole of it, and pre-training has terms and a part of the steps."""
     horizons = list(config.trainer.horizons)
     if not horizons or horizons != sorted(set(horizons)) or horizons[-1] != 1.0:
         yield (
             f"trainer.horizons={show(config.trainer.horizons)}: must be growing fractions that end with 1,"
             " for example [0.25,0.5,1]"
         )
+    terms, share, steps = config.trainer.pretrain, config.trainer.pretrain_steps, config.trainer.steps
+    if terms is None and share > 0:
+        yield f"trainer.pretrain_steps={share}: no terms to train with; name them, for example trainer.pretrain=frq+dmp"
+    if terms is not None and share == 0:
+        yield f"trainer.pretrain={terms}: how long? write trainer.pretrain_steps=... (of trainer.steps={steps})"
+    if 0 < steps <= share:
+        yield f"trainer.pretrain_steps={share}: must be below trainer.steps={steps}, grads={config.grads} has the rest"
 
 
 def _engine(config: DictConfig) -> Iterator[str]:
@@ -173,7 +187,7 @@ def _engine(config: DictConfig) -> Iterator[str]:
 
 def _target(config: DictConfig) -> Iterator[str]:
     """A corridor is one, and stated targets give the terms something to meet."""
-    target, words = config.target, split_grads(config.grads)
+    target = config.target
     corridor = target.stiffness
     if corridor is not None and not (len(corridor) == 2 and corridor[0] <= corridor[1]):
         yield f"target.stiffness={show(corridor)}: must be [low,high] with low at most high, for example [1,1]"
@@ -187,11 +201,13 @@ def _target(config: DictConfig) -> Iterator[str]:
         )
     if count > pairs:
         yield f"target.frequency={show(target.frequency)}: {config.system.name} has room for {pairs} pair(s)"
-    for word in words:
+    grads, pretrain = config.grads, config.trainer.pretrain
+    for word in training_terms(grads, pretrain):
+        key = f"grads={grads}" if word in split_grads(grads) else f"trainer.pretrain={pretrain}"
         if word in ("frq", "dmp", "osc") and count == 0:
-            yield f"grads={config.grads}: {word} has nothing to meet; state target.frequency and target.damping"
+            yield f"{key}: {word} has nothing to meet; state target.frequency and target.damping"
         if word == "stf" and corridor is None:
-            yield f"grads={config.grads}: stf has nothing to meet; state target.stiffness=[low,high]"
+            yield f"{key}: stf has nothing to meet; state target.stiffness=[low,high]"
 
 
 CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (

@@ -1,5 +1,6 @@
 """What an engine is: parameters in, loss Jacobian out. Trainer, combinations and recorder know nothing else of it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -70,6 +71,20 @@ class Advance:
     values: Floats
     statuses: NDArray[np.int64]
     guard_count: int
+
+
+@dataclass(frozen=True)
+class ArrayTerm:
+    """A user's own term on arrays, with its derivatives, as the compiled engine takes it.
+
+    Attributes:
+        function: `(theta (P,), trajectory (N, n), spectra (T, n))` to value, `dl/dx (N, n)`, `dl/dRe + i dl/dIm
+            (T, n)`, and the derivative in theta at constant trajectory and spectra `(P,)`, 0 where it has none.
+        needs_solve: whether it looks at trajectory or spectra, so that it is undefined where a solve fails.
+    """
+
+    function: Callable[[Floats, Floats, Complexes], tuple[float, Floats, Complexes, Floats | float]]
+    needs_solve: bool = True
 
 
 class Engine(Protocol):

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import cast
 
 import numpy as np
-import torch
 
 from eigenode_cli.config.schema import CompiledEngineConfig, TrainConfig
 from eigenode_cli.engines.base import Engine
@@ -46,8 +45,8 @@ def build_engine(
     if reason is not None:
         raise ValueError(f"engine=compiled has no {reason}")
     sensitivity = config.engine.sensitivity if isinstance(config.engine, CompiledEngineConfig) else "auto"
-    times = torch.from_numpy(problem.data.times)
-    own = {name: on_arrays(term, times) for name, term in user_terms.items()}
+    data = problem.data
+    own = {name: on_arrays(term, data.times, data.seen, field) for name, term in user_terms.items()}
     return CompiledEngine(shape_of(field), problem, own, sensitivity, announce)
 
 

@@ -48,6 +48,7 @@ class TorchEngine:
         self.user_terms = user_terms
         self._parameters = tuple(field.parameters())
         self._times = torch.from_numpy(problem.data.times)
+        self._seen = torch.from_numpy(problem.data.seen)
         self._start = torch.from_numpy(problem.initial_state)
 
     def loss_jacobian(self, theta: Floats, steps: list[float] | None = None) -> LossJacobian:
@@ -124,11 +125,17 @@ class TorchEngine:
             spectral = [term for term in terms if term in NAMES[1:]]
             vector = spectral_values(spectra, spectral, targets, problem.margin, problem.errors, problem.huber_delta)
             values.update(zip(spectral, vector, strict=True))
-        if solved:
-            if "sol" in values:
-                values["sol"] = solution_term(trajectory.states, problem.data, problem.errors[0], problem.huber_delta)
-            for name in self.user_terms.keys() & values.keys():
-                values[name] = self.user_terms[name](trajectory.states, spectra, self._times)
+        if solved and "sol" in values:
+            values["sol"] = solution_term(trajectory.states, problem.data, problem.errors[0], problem.huber_delta)
+        for name, term in self.user_terms.items():
+            if name in values and (solved or (problem.stabilise and not term.needs_solve)):
+                values[name] = term(
+                    trajectory=trajectory.states,
+                    spectra=spectra,
+                    times=self._times,
+                    data=self._seen,
+                    field=self.field,
+                )
         return values
 
     def _gradient(self, value: Tensor) -> Floats:

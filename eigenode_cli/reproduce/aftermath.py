@@ -77,7 +77,7 @@ def measure_test(unit: Unit) -> None:
     setup, theta = _trained(unit)
     system = unit.config.system
     data = sample(setup.system, setup.data.states[-1], system.horizon, system.points, system.observed)
-    problem = replace(setup.problem, data=data, targets=build_targets(unit.config, setup.system, data))
+    problem = replace(setup.problem, terms=("sol",), data=data, targets=build_targets(unit.config, setup.system, data))
     test: Engine = build_engine(unit.config, setup.field, problem, {}, _unheard)
     evaluation = test.evaluate(theta, data.times)
     trained = setup.engine.evaluate(theta, setup.data.times)

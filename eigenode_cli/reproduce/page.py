@@ -10,6 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from eigenode_cli.files import write_text
 from eigenode_cli.reproduce.figures import figure_numbers, svg
 from eigenode_cli.reproduce.journal import tables_of
+from eigenode_cli.reproduce.runs import RunTable, run_tables
 from eigenode_cli.reproduce.schema import Experiment
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.tables import Summary, counts, found, seeds
@@ -25,13 +26,14 @@ def write_page(study: Study, verdicts: Sequence[Verdict], summary: Summary, fold
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    tables = run_tables(study)
     content = {
         "protocol": summary.protocol,
         "counts": counts(verdicts),
         "seeds": seeds(summary.repetitions),
         "command": summary.command,
         "experiments": [
-            _section(study, name, experiment, [v for v in verdicts if v.experiment == name])
+            _section(study, name, experiment, [v for v in verdicts if v.experiment == name], tables.get(name))
             for name, experiment in study.experiments.items()
         ],
     }
@@ -40,7 +42,9 @@ def write_page(study: Study, verdicts: Sequence[Verdict], summary: Summary, fold
     return path
 
 
-def _section(study: Study, name: str, experiment: Experiment, verdicts: Sequence[Verdict]) -> dict[str, Any]:
+def _section(
+    study: Study, name: str, experiment: Experiment, verdicts: Sequence[Verdict], runs: RunTable | None
+) -> dict[str, Any]:
     """What the page shows of one experiment."""
     figures = []
     for spec in experiment.figures:
@@ -53,5 +57,5 @@ def _section(study: Study, name: str, experiment: Experiment, verdicts: Sequence
         "title": experiment.title,
         "figures": figures,
         "claims": [{**vars(verdict), "found": found(verdict)} for verdict in verdicts],
-        "tables": tables_of(study, name),
+        "tables": [*([runs] if runs is not None else []), *tables_of(study, name)],
     }

@@ -91,6 +91,8 @@ class Experiment:
     title: str = option()
     protocols: list[str] = option()
     """Protocols under which `eigenode reproduce` takes it up by itself, the first one where none is named."""
+    by_name: bool = False
+    """Whether it is taken up only where it is named, not with all others of its protocol."""
     runs: dict[str, RunSpec] = field(default_factory=dict)
     figures: list[FigureSpec] = field(default_factory=list)
     claims: list[ClaimSpec] = field(default_factory=list)

@@ -23,6 +23,8 @@ from eigenode_cli.reproduce.units import Unit, distinct, in_parallel, pending, s
 from eigenode_cli.reproduce.verdicts import Verdict, judge
 
 DEFAULT_PROTOCOL = "paper"
+INTERRUPTED = 130
+"""Exit status of a run that the user interrupted."""
 LINES = 20
 """About as many lines of progress go into a pipe."""
 
@@ -107,7 +109,7 @@ def choose(wanted: Sequence[str], protocol: str | None) -> tuple[str, dict[str, 
     if wanted:
         return protocol or next(iter(experiments.values())).protocols[0], experiments
     chosen = protocol or DEFAULT_PROTOCOL
-    mine = {name: experiment for name, experiment in experiments.items() if chosen in experiment.protocols}
+    mine = {name: one for name, one in experiments.items() if chosen in one.protocols and not one.by_name}
     if not mine:
         raise UserError(f"--protocol {chosen}: no experiment is made for it; name the experiments to run under it")
     return chosen, mine
@@ -146,6 +148,8 @@ def train(study: Study, jobs: int) -> None:
     failed = 0
     with _counter("training", len(todo)) as done:
         for status in in_parallel(train_unit, todo, jobs):
+            if status == INTERRUPTED:  # the run has saved where it stands; the same command goes on from there
+                raise KeyboardInterrupt
             failed += status != 0
             done()
     if todo:

@@ -1,9 +1,10 @@
-"""The verdict table: on the console, as Markdown, CSV and JSON."""
+"""The verdict table: on the console, as Markdown (with the table of runs), CSV and JSON."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from rich.console import Console
 from rich.table import Table
@@ -14,6 +15,25 @@ from eigenode_cli.reproduce.verdicts import FAILS, HOLDS, MIXED, UNDEFINED, Verd
 HEADER = ("claim", "place", "expected", "found (quartiles)", "seeds", "failures", "verdict")
 COLORS = {HOLDS: "green", MIXED: "yellow", FAILS: "red", UNDEFINED: "red"}
 NOTHING = "\N{EN DASH}"
+RUNS_NOTE = (
+    "Runs are shown as they end: medians over the seeds with quartiles in brackets; failures are seeds without a"
+    " number. The largest real part of any eigenvalue along the trajectory is in 1/s. Time is the training time of the"
+    " fastest seed as a ratio to the first run of the table; it belongs to the machine."
+)
+
+
+class TextTable(Protocol):
+    """A table as text."""
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Titles of the columns."""
+        ...
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """Cells of every row."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -89,9 +109,9 @@ def print_verdicts(verdicts: Sequence[Verdict], summary: Summary) -> None:
     print(f"\nprotocol {summary.protocol}, {seeds(summary.repetitions)}, {counts(verdicts)}")
 
 
-def write_verdicts(folder: Path, verdicts: Sequence[Verdict], summary: Summary) -> None:
-    """Write verdicts.md, verdicts.csv and verdicts.json."""
-    write_text(folder / "verdicts.md", markdown(verdicts, summary))
+def write_verdicts(folder: Path, verdicts: Sequence[Verdict], summary: Summary, runs: Mapping[str, TextTable]) -> None:
+    """Write verdicts.md, with the table of `runs` of every experiment, verdicts.csv and verdicts.json."""
+    write_text(folder / "verdicts.md", markdown(verdicts, summary, runs))
     numbers = ("low", "q25", "median", "q75", "high")
     columns = ("experiment", "claim", "sentence", "place", "expected", *numbers, "kept", "seeds", "failures", "verdict")
     rows = [[_cell(getattr(verdict, column)) for column in columns] for verdict in verdicts]
@@ -111,8 +131,8 @@ def _cell(value: float | int | str | None) -> float | int | str:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
 
 
-def markdown(verdicts: Sequence[Verdict], summary: Summary) -> str:
-    """The table as Markdown, one section an experiment."""
+def markdown(verdicts: Sequence[Verdict], summary: Summary, runs: Mapping[str, TextTable]) -> str:
+    """Claims and runs as Markdown, one section an experiment."""
     lines = [
         f"# Claims under protocol={summary.protocol}, {seeds(summary.repetitions)}",
         "",
@@ -120,12 +140,19 @@ def markdown(verdicts: Sequence[Verdict], summary: Summary) -> str:
         "",
         "A claim holds if at least 80 % of the seeds show it, fails if at most 20 % do, and is mixed between; where the"
         " median is expected, the median decides. Numbers found are medians over the seeds with quartiles in brackets.",
+        "",
+        RUNS_NOTE,
     ]
     for name, title in summary.titles.items():
         rows = [verdict for verdict in verdicts if verdict.experiment == name]
+        if rows or name in runs:
+            lines += ["", f"## {title} (`{name}`)"]
         if rows:
-            lines += ["", f"## {title} (`{name}`)", "", _row(HEADER), _row(["---"] * len(HEADER))]
+            lines += ["", _row(HEADER), _row(["---"] * len(HEADER))]
             lines += [_row([*cells(verdict)[:-1], f"**{verdict.verdict}**"]) for verdict in rows]
+        if name in runs:
+            header = runs[name].header
+            lines += ["", _row(header), _row(["---"] * len(header)), *map(_row, runs[name].rows)]
     return "\n".join(lines) + "\n"
 
 

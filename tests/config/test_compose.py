@@ -76,6 +76,16 @@ def test_the_authors() -> None:
 
 def test_grads_are_canonical() -> None:
     assert compose(["grads=OSC+sol+Frq"]).grads == "sol+frq+osc"
+    words = ["trainer.pretrain=dmp+FRQ", "trainer.pretrain_steps=5", "grads=sol", "scale.frq=3"]
+    assert compose(words).trainer.pretrain == "frq+dmp"  # whose scale is read, then, too
+
+
+def test_nothing_of_the_ablations_is_on_by_itself() -> None:
+    for protocol in ("paper", "authors", "journal"):
+        for system in ("oscillator", "sparse_oscillator", "vdp"):
+            config = compose([f"protocol={protocol}", f"system={system}"])
+            assert (config.system.noise, config.target.frequency_factor) == (0.0, 1.0)
+            assert (config.trainer.pretrain, config.trainer.pretrain_steps) == (None, 0)
 
 
 def test_typed_objects_have_the_class_of_the_choice() -> None:
@@ -85,7 +95,21 @@ def test_typed_objects_have_the_class_of_the_choice() -> None:
     assert isinstance(typed(compose(["network=polynomial"])).network, PolynomialConfig)
 
 
-@pytest.mark.parametrize("words", [[], ["solver=rk4", "target=stated", "grads=sol", "combine=mix", "engine=compiled"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        [
+            "solver=rk4",
+            "target=stated",
+            "trainer.pretrain=stb",
+            "trainer.pretrain_steps=3",
+            "grads=sol",
+            "combine=mix",
+            "engine=compiled",
+        ],
+    ],
+)
 def test_restored_from_a_record(words: list[str]) -> None:
     config = compose(words)
     record = OmegaConf.to_container(config)

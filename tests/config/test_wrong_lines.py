@@ -73,6 +73,29 @@ WRONG = [
     ),
     ("train target=stated grads=frq", "grads=frq: frq has nothing to meet; state target.frequency and target.damping"),
     ("train target=stated grads=stf", "grads=stf: stf has nothing to meet; state target.stiffness=[low,high]"),
+    (
+        "train trainer.pretrain_steps=9",
+        "trainer.pretrain_steps=9: no terms to train with; name them, for example trainer.pretrain=frq+dmp",
+    ),
+    ("train trainer.pretrain=frq", "trainer.pretrain=frq: how long? write trainer.pretrain_steps=... (of trainer.st"),
+    (
+        "train trainer.pretrain=frq trainer.pretrain_steps=9 trainer.steps=9",
+        "trainer.pretrain_steps=9: must be below trainer.steps=9, grads=sol+frq+dmp+osc has the rest",
+    ),
+    (
+        "train trainer.pretrain=frg trainer.pretrain_steps=9",
+        "trainer.pretrain=frg: unknown term 'frg', did you mean frq? choose from frq, ",
+    ),
+    (
+        "train target=stated grads=sol trainer.pretrain=frq trainer.pretrain_steps=9",
+        "trainer.pretrain=frq: frq has nothing to meet; state target.frequency and target.damping",
+    ),
+    ("train target.frequency_factor=0", "target.frequency_factor=0: must be above 0"),
+    (
+        "train grads=sol target=stated target.frequency_factor=2",
+        "target.frequency_factor=2: stated has no option 'frequency_factor', did you mean target.frequency?",
+    ),
+    ("train system.noise=-1", "system.noise=-1: must be at least 0"),
     ("train system.observed=[x]", "system.observed=[x]: unknown state 'x'; choose from nu, nu_dot"),
     ("train system.observed=[]", "system.observed=[]: nothing is observed; choose from nu, nu_dot"),
     ("train system.initial_state=[1,2,3,4]", "system.initial_state=[1,2,3,4]: vdp has 2 states (nu, nu_dot)"),
@@ -95,6 +118,10 @@ WRONG = [
     ("train grads=sol eigen.max_condition=9", "eigen.max_condition: no effect, grads=sol has no term of the spectrum"),
     ("train +terms.mine=os.path:nope", "terms.mine=os.path:nope: module os.path has no such function;"),
     ("train +terms.mine=nomodule:f", "terms.mine=nomodule:f: cannot import nomodule (ModuleNotFoundError"),
+    (
+        "train +terms.mine=os.path:dirname",
+        "terms.mine=os.path:dirname: dirname of os.path: unknown argument 'p'; choose from ",
+    ),
     ("train +terms.mine=f", "terms.mine=f: not of the form module:function"),
     ("train +terms.sol=os.path:join", "terms.sol=os.path:join: sol is one of the six terms; choose another name"),
     # Hydra's own

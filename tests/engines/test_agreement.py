@@ -13,7 +13,8 @@ from eigenode_cli.engines.torch_engine import TorchEngine
 from eigenode_cli.field import VectorField, build_field, flat_parameters
 from eigenode_cli.problem import Problem
 from eigenode_cli.reference import targets_of_spectra
-from eigenode_cli.terms.user import on_arrays
+from eigenode_cli.terms.peers import derivative_matching, jacobian_norm
+from eigenode_cli.terms.user import UserTerm, on_arrays, user_term
 from tests.conftest import Case, make_case, solver
 
 TIGHT = solver(rtol=1e-11, atol=1e-12, max_steps=100_000)
@@ -158,9 +159,66 @@ def test_users_own_terms() -> None:
 
     field, problem = case.field(seed=3), case.problem(terms=("sol", "frq", "own"))
     theta = flat_parameters(field)
-    times = torch.from_numpy(problem.data.times)
-    compiled = CompiledEngine(shape_of(field), problem, {"own": on_arrays(own, times)})
+    compiled, torch_engine = engines(field, problem, {"own": user_term(own)})
     ours = compiled.loss_jacobian(theta)
-    reference = TorchEngine(field, problem, {"own": own}).loss_jacobian(theta, compiled.steps.tolist())
+    reference = torch_engine.loss_jacobian(theta, compiled.steps.tolist())
     np.testing.assert_allclose(ours.values, reference.values, rtol=1e-9)
     np.testing.assert_allclose(ours.gradients, reference.gradients, rtol=1e-7, atol=1e-9)
+
+
+def engines(field: VectorField, problem: Problem, terms: dict[str, UserTerm]) -> tuple[CompiledEngine, TorchEngine]:
+    """Both engines for the same user's terms."""
+    data = problem.data
+    own = {name: on_arrays(term, data.times, data.seen, field) for name, term in terms.items()}
+    return CompiledEngine(shape_of(field), problem, own), TorchEngine(field, problem, terms)
+
+
+PEERS = {"jac": user_term(jacobian_norm), "match": user_term(derivative_matching)}
+
+
+@pytest.mark.parametrize("system", ["oscillator", "vdp"])
+@pytest.mark.parametrize("structure", ["second_order", "full"])
+def test_terms_that_see_the_field(system: str, structure: str) -> None:
+    case = make_case(system)
+    data = case.problem().data
+    whole = Data(data.times, data.states, np.ones_like(data.mask))
+    field = case.field(seed=7, structure=structure)
+    problem = case.problem(terms=("sol", "dmp", "jac", "match"), data=data if structure == "second_order" else whole)
+    theta = flat_parameters(field)
+    compiled, torch_engine = engines(field, problem, PEERS)
+    ours = compiled.loss_jacobian(theta)
+    reference = torch_engine.loss_jacobian(theta, compiled.steps.tolist())
+    assert_same(ours, reference, 1e-9)
+    times = np.linspace(0.0, 1.0, 5)
+    ours_recorded, reference_recorded = compiled.evaluate(theta, times), torch_engine.evaluate(theta, times)
+    np.testing.assert_allclose(ours_recorded.values, reference_recorded.values, rtol=1e-6)  # steps of its own
+
+
+def test_central_differences_of_terms_that_see_the_field() -> None:
+    case = make_case("oscillator")
+    field = case.field(seed=2)
+    compiled, _ = engines(field, case.problem(terms=("jac", "match")), PEERS)
+    theta = flat_parameters(field)
+    gradients, steps = compiled.loss_jacobian(theta).gradients, compiled.steps
+    for seed in range(4):
+        direction = np.random.default_rng(seed).normal(size=theta.size)
+        near, far = (
+            compiled.loss_jacobian(theta + k * 2e-5 * direction, steps).values
+            - compiled.loss_jacobian(theta - k * 2e-5 * direction, steps).values
+            for k in (1, 2)
+        )
+        np.testing.assert_allclose((8 * near - far) / (12 * 2e-5), gradients @ direction, rtol=1e-6, atol=1e-8)
+
+
+def test_a_term_without_the_solution_outlives_a_failed_solve_alike() -> None:
+    case = make_case("oscillator")
+    field = case.field(seed=1, activation="identity")
+    theta = flat_parameters(field) * 30.0
+    problem = case.problem(solver=solver(max_steps=60), terms=("sol", "stb", "jac", "match"))
+    compiled, torch_engine = engines(field, problem, PEERS)
+    ours, reference = compiled.loss_jacobian(theta), torch_engine.loss_jacobian(theta)
+    assert ours.status == reference.status != 0
+    np.testing.assert_allclose(ours.values, reference.values, rtol=1e-9)
+    np.testing.assert_allclose(ours.gradients[[1, 3]], reference.gradients[[1, 3]], rtol=1e-8, atol=1e-10)
+    assert np.isnan(ours.values).tolist() == [True, False, True, False]
+    assert np.isnan(ours.gradients).all(axis=1).tolist() == [True, False, True, False]

@@ -13,6 +13,7 @@ from eigenode_cli.field import VectorField, flat_parameters, load_flat
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.terms import NAMES
+from eigenode_cli.terms.user import user_term
 from tests.conftest import Case, make_case, solver
 
 
@@ -155,7 +156,7 @@ def test_a_users_own_term_is_one_more_row() -> None:
     def energy(trajectory: Tensor, spectra: Tensor, times: Tensor) -> Tensor:
         return (trajectory**2).mean() + spectra.real.mean() + times.sum()
 
-    engine = TorchEngine(case.field(), case.problem(terms=("sol", "energy")), {"energy": energy})
+    engine = TorchEngine(case.field(), case.problem(terms=("sol", "energy")), {"energy": user_term(energy)})
     theta = flat_parameters(case.field())
     result = engine.loss_jacobian(theta)
     assert result.gradients.shape == (2, 129)

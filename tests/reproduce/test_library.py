@@ -30,8 +30,8 @@ FIGURES = {
 def test_every_shipped_experiment_is_checked() -> None:
     checked = check_all(Composer())
     assert checked.faults == []
-    assert checked.experiments == len(list(EXPERIMENT_DIR.rglob("*.yaml"))) == 10
-    assert checked.compositions == 2 * 26 + 15
+    assert checked.experiments == len(list(EXPERIMENT_DIR.rglob("*.yaml"))) == 16
+    assert checked.compositions == 2 * 26 + 15 + 51
 
 
 def test_the_paper_is_complete() -> None:

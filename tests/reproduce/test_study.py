@@ -19,6 +19,7 @@ def test_what_is_chosen() -> None:
     protocol, experiments = choose((), None)
     assert protocol == "paper"
     assert set(experiments) == {"cost", "local_minimum", "network", "oscillator", "sparse_oscillator", "vdp"}
+    assert choose(["ablation_targets"], None)[0] == "paper"  # only by its name
     assert set(choose((), "journal")[1]) == {name for name in names() if name.startswith("journal_")}
     assert choose(["journal_vdp"], None)[0] == "journal"
     assert choose(["journal_vdp"], "paper")[0] == "paper"
@@ -66,6 +67,7 @@ def test_the_command_leaves_everything(study: Study, tmp_path: Path, capsys: pyt
         "verdicts.md",
         "verdicts.csv",
         "verdicts.json",
+        "runs.csv",
         "tables.md",
         "table_small.csv",
         "figures",
@@ -82,6 +84,9 @@ def test_the_command_leaves_everything(study: Study, tmp_path: Path, capsys: pyt
         ("perfect", "0", "2", "fails"),
     ]
     assert (out / "verdicts.md").read_text().count("**holds**") == 2
+    assert "\n| sol+stb | " in (out / "verdicts.md").read_text()
+    assert len((out / "runs.csv").read_text().splitlines()) == 4
+    assert "sol+stb" in said.partition("holds")[0]
     words += ["--no-figures", "--check", str(out / "verdicts.json")]
     assert main(words) == 0
     content["claims"][2] |= {"verdict": "holds", "kept": 99, "seeds": 99}

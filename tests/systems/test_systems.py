@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from eigenode_cli.config.schema import OscillatorConfig, VanDerPolConfig
-from eigenode_cli.reference import reference_solution, sample, stated_targets, targets_of_spectra, truth_targets
+from eigenode_cli.reference import (
+    reference_solution,
+    sample,
+    stated_targets,
+    targets_of_spectra,
+    truth_targets,
+    with_noise,
+)
 from eigenode_cli.systems import SYSTEMS, System
 
 OSCILLATOR = SYSTEMS["oscillator"](OscillatorConfig(c=25.0, d=0.05, m=2.0))
@@ -47,6 +54,27 @@ def test_van_der_pol_has_a_pair_at_18_percent_of_the_data_times() -> None:
     assert not data.mask[:, 1].any()
     assert truth_targets(VDP, data.states).pairs.mean() == pytest.approx(0.18, abs=0.02)
     assert np.abs(data.states[:, 0]).max() == pytest.approx(2.02, abs=0.02)  # the limit cycle's amplitude
+
+
+def test_wrong_targets_are_wrong_in_their_frequency_alone() -> None:
+    states = sample(VDP, np.array([2.0, 0.0]), 30.0, 91, ["nu"]).states
+    right, wrong = truth_targets(VDP, states), truth_targets(VDP, states, 1.2)
+    np.testing.assert_allclose(wrong.frequency, 1.2 * right.frequency, rtol=1e-12)
+    np.testing.assert_allclose(wrong.damping, right.damping, rtol=1e-12)
+    np.testing.assert_array_equal(wrong.pairs, right.pairs)
+    np.testing.assert_allclose(wrong.stiffness, right.stiffness, rtol=1e-12)
+
+
+def test_noise_is_drawn_from_the_seed_for_what_is_observed() -> None:
+    data = sample(VDP, np.array([2.0, 0.0]), 300.0, 5001, ["nu"])
+    assert with_noise(data, 0.0, seed=3) is data
+    noisy, again, other = (with_noise(data, 0.1, seed) for seed in (3, 3, 4))
+    assert noisy.states.tobytes() == again.states.tobytes() != other.states.tobytes()
+    noise = noisy.states - data.states
+    assert not noise[:, 1].any()
+    assert noise[0, 0] == 0.0
+    assert np.std(noise[:, 0]) == pytest.approx(0.1 * np.abs(data.states[:, 0]).max(), rel=0.05)
+    assert abs(np.mean(noise[:, 0])) < 0.01
 
 
 def test_stated_targets_are_those_of_the_same_spectrum() -> None:

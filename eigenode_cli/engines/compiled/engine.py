@@ -11,7 +11,15 @@ import numpy as np
 from numba.core import config
 
 from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, SolverConfig
-from eigenode_cli.engines.base import Advance, Complexes, Evaluation, Floats, LossJacobian, single_step
+from eigenode_cli.engines.base import (
+    Advance,
+    ArrayTerm,
+    Complexes,
+    Evaluation,
+    Floats,
+    LossJacobian,
+    single_step,
+)
 from eigenode_cli.engines.compiled import kernel
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
 from eigenode_cli.engines.compiled.integrate import FULL, OK, Method
@@ -21,10 +29,6 @@ from eigenode_cli.problem import Problem
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TABLEAUS
 from eigenode_cli.terms import NAMES
-
-UserTerm = Callable[[Floats, Complexes], tuple[float, Floats, Complexes]]
-"""A user's own term: trajectory `(N, n)` and spectra `(T, n)` in; value, `dl/dx (N, n)` and `dl/dRe + i dl/dIm (T, n)`
-out."""
 
 SENSITIVITIES = ("auto", "adjoint", "forward")
 FIRST_CAPACITY = 256
@@ -75,7 +79,7 @@ class CompiledEngine:
         self,
         shape: MlpShape,
         problem: Problem,
-        user_terms: Mapping[str, UserTerm] | None = None,
+        user_terms: Mapping[str, ArrayTerm] | None = None,
         sensitivity: str = "auto",
         announce: Callable[[str], None] = _silent,
     ) -> None:
@@ -190,7 +194,10 @@ class CompiledEngine:
             )
         ) == FULL:
             self._grow()
-        own = [float(term(states, spectra)[0]) if status == OK else math.nan for term in self._user_terms.values()]
+        own = [
+            term.function(self._shared.theta, states, spectra)[0] if self._defined(term, status) else math.nan
+            for term in self._user_terms.values()
+        ]
         return Evaluation(
             values=np.concatenate([values, own]),
             trajectory=states,
@@ -220,13 +227,23 @@ class CompiledEngine:
         status = kernel.forward(self._core, self._room.steps, given, self._codes, True, values, states, spectra)
         if status == FULL:
             return status
-        if status == OK:
-            slopes = self._shared.slopes[: values.size * spectra.size].reshape(values.size, *spectra.shape)
-            for number, name in enumerate(self._own):
-                row = self._terms.index(name)
-                values[row], self._shared.user_slopes[number], slopes[row] = self._user_terms[name](states, spectra)
+        slopes = self._shared.slopes[: values.size * spectra.size].reshape(values.size, *spectra.shape)
+        direct: dict[int, Floats | float] = {}
+        for number, name in enumerate(self._own):
+            term, row = self._user_terms[name], self._terms.index(name)
+            if self._defined(term, status):
+                value, in_states, in_spectra, direct[row] = term.function(self._shared.theta, states, spectra)
+                values[row], self._shared.user_slopes[number] = value, in_states
+                if status == OK:  # the slopes of a failed solve, which are zero here, are laid out in another way
+                    slopes[row] = in_spectra
         kernel.pull_back(self._core, self._room.steps, self._codes, self._forward_way, values, gradients)
+        for row, gradient in direct.items():
+            gradients[row] += gradient
         return status
+
+    def _defined(self, term: ArrayTerm, status: int) -> bool:
+        """Whether a user's term has a value after a solve that ended like this."""
+        return status == OK or (bool(self._core.setup.stabilise) and not term.needs_solve)
 
     def _solve(self, times: Floats) -> Floats:
         """States `(D, n)` at `times`, from the initial state at the first data time."""

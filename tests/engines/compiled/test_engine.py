@@ -9,6 +9,7 @@ import pytest
 import torch
 from scipy.integrate import solve_ivp
 
+from eigenode_cli.engines.base import ArrayTerm
 from eigenode_cli.engines.compiled.engine import FIRST_CAPACITY, CompiledEngine, fixed_steps
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.solve.status import Status
@@ -173,11 +174,14 @@ def test_no_sensitivity_no_guard():
     assert CompiledEngine(shape, oracle.make_problem(2, terms=("sol",))).loss_jacobian(theta).guard_count == 0
 
 
-def own_term(trajectory, spectra):
-    """`sum x^3 + sum Re^2 Im^2 + sum Re`, with its slopes."""
+def own_function(theta, trajectory, spectra):
+    """`sum x^3 + sum Re^2 Im^2 + sum Re + sum sin theta`, with its slopes."""
     re, im = spectra.real, spectra.imag
-    value = (trajectory**3).sum() + (re**2 * im**2 + re).sum()
-    return float(value), 3 * trajectory**2, 2 * re * im**2 + 1.0 + 2j * re**2 * im
+    value = (trajectory**3).sum() + (re**2 * im**2 + re).sum() + np.sin(theta).sum()
+    return float(value), 3 * trajectory**2, 2 * re * im**2 + 1.0 + 2j * re**2 * im, np.cos(theta)
+
+
+OWN_TERM = ArrayTerm(own_function)
 
 
 @pytest.mark.parametrize("sensitivity", ["adjoint", "forward"])
@@ -185,12 +189,12 @@ def own_term(trajectory, spectra):
 def test_user_terms(terms, sensitivity):
     shape = oracle.make_shape(4)
     problem, theta = oracle.make_problem(4, terms=terms), oracle.make_theta(shape)
-    engine = CompiledEngine(shape, problem, {"mine": own_term}, sensitivity)
+    engine = CompiledEngine(shape, problem, {"mine": OWN_TERM}, sensitivity)
     found = engine.loss_jacobian(theta)
     leaf = torch.from_numpy(theta.copy()).requires_grad_()
     states = oracle.rollout(shape, leaf, TSIT5, engine.steps, problem.initial_state, problem.data.times)
     spectra = torch.linalg.eigvals(oracle.jacobians(shape, leaf, states))
-    value = (states**3).sum() + (spectra.real**2 * spectra.imag**2 + spectra.real).sum()
+    value = (states**3).sum() + (spectra.real**2 * spectra.imag**2 + spectra.real).sum() + leaf.sin().sum()
     (gradient,) = torch.autograd.grad(value, leaf)
     np.testing.assert_allclose(found.values[-1], value.item(), rtol=1e-10)
     assert oracle.relative(found.gradients[-1], gradient.numpy()) < 1e-9
@@ -204,25 +208,48 @@ def test_user_terms_of_a_failed_solve_are_undefined():
     shape = oracle.make_shape(2)
     problem = oracle.make_problem(2, terms=("frq", "mine"), solver=oracle.adaptive(max_steps=2, rtol=1e-9))
 
-    def never(_trajectory, _spectra):
+    def never(_theta, _trajectory, _spectra):
         raise AssertionError("called for a failed solve")
 
-    found = CompiledEngine(shape, problem, {"mine": never}).loss_jacobian(oracle.make_theta(shape))
+    found = CompiledEngine(shape, problem, {"mine": ArrayTerm(never)}).loss_jacobian(oracle.make_theta(shape))
     assert np.isnan(found.values[1])
     assert np.isnan(found.gradients[1]).all()
     assert np.isfinite(found.values[0])
     assert np.isfinite(found.gradients[0]).all()
 
 
+@pytest.mark.parametrize("stabilise", [True, False])
+def test_a_user_term_that_needs_no_solve_trains_on_when_it_fails(stabilise):
+    shape = oracle.make_shape(2)
+    failing = oracle.adaptive(max_steps=2, rtol=1e-9)
+    problem = oracle.make_problem(2, terms=("frq", "mine"), solver=failing, stabilise=stabilise)
+
+    def size(theta, trajectory, spectra):
+        return float((theta**2).sum()), 0.0 * np.nan_to_num(trajectory), 0.0 * np.nan_to_num(spectra), 2.0 * theta
+
+    theta = oracle.make_theta(shape)
+    engine = CompiledEngine(shape, problem, {"mine": ArrayTerm(size, needs_solve=False)})
+    found = engine.loss_jacobian(theta)
+    assert found.status is not Status.OK
+    if stabilise:
+        assert found.values[1] == engine.evaluate(theta, np.array([0.5])).values[-1] == (theta**2).sum()
+        np.testing.assert_array_equal(found.gradients[1], 2.0 * theta)
+        plain = CompiledEngine(shape, oracle.make_problem(2, terms=("frq",), solver=failing)).loss_jacobian(theta)
+        np.testing.assert_array_equal(found.gradients[0], plain.gradients[0])
+    else:
+        assert np.isnan(found.values).all()
+        assert np.isnan(found.gradients).all()
+
+
 def test_evaluate():
     shape = oracle.make_shape(4)
     problem, theta = oracle.make_problem(4, terms=("dmp",)), oracle.make_theta(shape)
-    engine = CompiledEngine(shape, problem, {"mine": own_term})
+    engine = CompiledEngine(shape, problem, {"mine": OWN_TERM})
     dense = np.linspace(0.0, 2.0, 50)
     found = engine.evaluate(theta, dense)
     wanted = CompiledEngine(shape, oracle.make_problem(4)).loss_jacobian(theta)
     np.testing.assert_array_equal(found.values[:6], wanted.values)
-    assert found.values[6] == own_term(wanted.trajectory, wanted.spectra)[0]
+    assert found.values[6] == own_function(theta, wanted.trajectory, wanted.spectra)[0]
     np.testing.assert_array_equal(found.trajectory, wanted.trajectory)
     np.testing.assert_array_equal(found.spectra, wanted.spectra)
     assert (found.n_accepted, found.n_rejected) == (wanted.n_accepted, wanted.n_rejected)

@@ -1,0 +1,61 @@
+"""The stages of a training: what computes the loss Jacobian, and of which terms, at each of its steps."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.data import Floats
+from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.select import build_engine
+from eigenode_cli.field import VectorField
+from eigenode_cli.problem import Problem
+from eigenode_cli.terms import canonical, split_grads
+from eigenode_cli.terms.user import UserTerm
+from eigenode_cli.trainer import Stage
+
+
+def build_stages(
+    config: TrainConfig, field: VectorField, problem: Problem, user_terms: Mapping[str, UserTerm], whole: Engine
+) -> tuple[Stage, ...]:
+    """Pre-training if there is any, then the growing horizon, whose fractions share the other steps equally.
+
+    Args:
+        config: of the run.
+        field: the vector field.
+        problem: over the whole horizon.
+        user_terms: the user's own terms by name.
+        whole: engine of `problem`.
+    """
+
+    def engine_of(part: Problem) -> Engine:
+        return build_engine(config, field, part, dict(user_terms), _unheard)
+
+    trainer, stages = config.trainer, []
+    if trainer.pretrain is not None:
+        first = canonical(split_grads(trainer.pretrain))
+        stages.append(Stage(0, engine_of(replace(problem, terms=first)), gradient_scales(config, first)))
+    lead, rest = trainer.pretrain_steps, trainer.steps - trainer.pretrain_steps
+    scales, shares = gradient_scales(config, problem.terms), len(trainer.horizons)
+    for number, fraction in enumerate(trainer.horizons):
+        engine = whole if fraction == 1.0 else engine_of(problem.until(fraction))
+        stages.append(Stage(lead - (-number * rest // shares), engine, scales))
+    return tuple(stages)
+
+
+def gradient_scales(config: TrainConfig, terms: Sequence[str]) -> Floats:
+    """Factor of each term's gradient `(L,)`.
+
+    Under `eigen.eigenvalue_count=times` the terms that average over eigenvalues count N/2 of them (N data times)
+    instead of n. That is a constant factor, so it is applied here and the recorded losses stay what they are.
+    """
+    scales = np.array([config.scale.get(term, 1.0) for term in terms])
+    if config.eigen.eigenvalue_count == "times":
+        counted = np.array([term in ("frq", "dmp", "stb", "osc") for term in terms])
+        scales[counted] *= len(config.system.initial_state) / (config.system.points / 2.0)
+    return scales
+
+
+def _unheard(_message: str) -> None:
+    """Say nothing: the engine of the whole has announced what there is to say."""
