@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.config.schema import AdamConfig, OptimizerConfig, SgdConfig
+from eigenode_cli.bfgs import Bfgs
+from eigenode_cli.config.schema import AdamBfgsConfig, AdamConfig, OptimizerConfig, SgdConfig
 from eigenode_cli.jit import njit
 
 Floats = NDArray[np.float64]
@@ -101,8 +102,45 @@ class Sgd:
         return {"velocity": self._velocity}
 
 
+class AdamBfgs:
+    """Adam first, then BFGS: the first passes jumps and kinks of the terms, the second converges.
+
+    The trainer hands BFGS whole functions (`Bfgs.step`). `update` is Adam's at any time: it also leads out of where
+    the function has no value.
+
+    Attributes:
+        lr: of Adam; NaN while BFGS, which has none, is at work.
+        bfgs: the second part.
+    """
+
+    def __init__(self, config: AdamBfgsConfig, parameters: int) -> None:
+        self._adam = Adam(config, parameters)
+        self._switch = config.adam_steps
+        self.bfgs = Bfgs(parameters)
+        self.begin(0)
+
+    def searches(self, step: int) -> bool:
+        """Whether training step `step` is one of BFGS."""
+        return step >= self._switch
+
+    def begin(self, step: int) -> None:
+        """See `Optimizer.begin`."""
+        self._adam.begin(step)
+        self.lr = math.nan if self.searches(step) else self._adam.lr
+
+    def update(self, theta: Floats, gradient: Floats) -> None:
+        """See `Optimizer.update`."""
+        self._adam.update(theta, gradient)
+
+    def state(self) -> dict[str, Floats]:
+        """See `Optimizer.state`."""
+        return self._adam.state() | self.bfgs.state()
+
+
 def build_optimizer(config: OptimizerConfig, parameters: int) -> Optimizer:
     """The optimizer for a vector of `parameters`."""
+    if isinstance(config, AdamBfgsConfig):
+        return AdamBfgs(config, parameters)
     if isinstance(config, AdamConfig):
         return Adam(config, parameters)
     if isinstance(config, SgdConfig):

@@ -53,7 +53,7 @@ class Setup:
     field: VectorField
     engine: Engine
     stages: tuple[Engine, ...]
-    """Engines over the growing horizon; the last one is `engine`."""
+    """Engines over the growing horizon, after the one without a solve if there is one; the last one is `engine`."""
     names: tuple[str, ...]
     """All terms that are recorded: the six and the user's own."""
 
@@ -94,7 +94,10 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
         build_engine(config, field, problem.until(fraction), user_terms, _unheard)
         for fraction in config.trainer.horizons[:-1]
     ]
-    return Setup(config, system, data, problem, field, engine, (*growing, engine), (*NAMES, *sorted(user_terms)))
+    stages = [*growing, engine]
+    if config.trainer.spectral_steps > 0:
+        stages.insert(0, build_engine(config, field, problem.unsolved(), user_terms, _unheard))
+    return Setup(config, system, data, problem, field, engine, tuple(stages), (*NAMES, *sorted(user_terms)))
 
 
 def build_targets(config: TrainConfig, system: System, data: Data) -> Targets:

@@ -1,7 +1,8 @@
 """The training loop: loss Jacobian, combination, optimizer, record. It knows nothing of engines, systems or files."""
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
@@ -12,7 +13,8 @@ from eigenode_cli.config.schema import TrainerConfig
 from eigenode_cli.console import Display, duration
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.base import Engine, LossJacobian
-from eigenode_cli.optimizer import Optimizer
+from eigenode_cli.objective import Objective
+from eigenode_cli.optimizer import AdamBfgs, Optimizer
 from eigenode_cli.recorder import Progress, Recorder
 from eigenode_cli.solve.status import Status
 
@@ -30,7 +32,8 @@ class Trainer:
 
     Attributes:
         engine: evaluates the terms over the whole horizon for the record.
-        stages: compute the loss Jacobian, one after another for an equal share of the steps; the last is `engine`.
+        stages: compute the loss Jacobian, one after another: with `spectral_steps` the first one for so many, the
+            others for an equal share of the rest; the last is `engine`.
         optimizer: takes the updates.
         combination: scaled gradients `(L, P)` to updates `(K, P)`.
         terms: the named terms `(L,)`.
@@ -57,6 +60,7 @@ class Trainer:
     theta: Floats
     network: Callable[[Floats], dict[str, Any]]
     progress: Progress
+    _objective: Objective | None = field(default=None, init=False)
 
     def run(self) -> dict[str, Any]:
         """Train to the last step and return its record.
@@ -84,23 +88,53 @@ class Trainer:
             self._save()
             raise
 
+    def _stage(self, step: int) -> Engine:
+        """What computes the loss Jacobian of a training step."""
+        lead = self.config.spectral_steps
+        if step < lead:
+            return self.stages[0]
+        rest = self.stages[1:] if lead else self.stages
+        return rest[(step - lead) * len(rest) // (self.config.steps - lead)]
+
     def _step(self) -> None:
-        engine = self.stages[self.progress.step * len(self.stages) // self.config.steps]
+        step = self.progress.step
+        engine = self._stage(step)
         start = perf_counter() - engine.compile_seconds
-        jacobian = engine.loss_jacobian(self.theta)
-        self._note_status(jacobian)
-        gradients = acting(jacobian.gradients, self.scales)
-        if gradients.size > 0:
-            for update in self.combination(gradients):
-                self.optimizer.update(self.theta, update)
+        if isinstance(self.optimizer, AdamBfgs) and self.optimizer.searches(step):
+            if step > 0 and engine is not self._stage(step - 1):
+                self.optimizer.bfgs.restart()
+            jacobian = self._descend(engine, self.optimizer)
+        else:
+            jacobian = engine.loss_jacobian(self.theta)
+            self._note_status(jacobian)
+            self._update(jacobian)
         self.progress.step += 1
         self.progress.guard_count += jacobian.guard_count
         self.progress.train_seconds += perf_counter() - engine.compile_seconds - start
 
+    def _update(self, jacobian: LossJacobian) -> None:
+        gradients = acting(jacobian.gradients, self.scales)
+        if gradients.size > 0:
+            for update in self.combination(gradients):
+                self.optimizer.update(self.theta, update)
+
+    def _descend(self, engine: Engine, optimizer: AdamBfgs) -> LossJacobian:
+        """One iteration of BFGS, or where a solve fails an update of what is left; gives the loss Jacobian before."""
+        if self._objective is None or self._objective.engine is not engine:
+            self._objective = Objective(engine, self.scales)
+        here = self._objective.at(self.theta)
+        self._note_status(here.jacobian)
+        if math.isfinite(here.value):
+            optimizer.bfgs.step(self.theta, here, self._objective.at)
+        else:
+            optimizer.bfgs.restart()
+            self._update(here.jacobian)
+        return here.jacobian
+
     def _note_status(self, jacobian: LossJacobian) -> None:
         """Count failed solves, and say when they begin and when the field is solvable again."""
         progress, step = self.progress, self.progress.step
-        if jacobian.status is Status.OK:
+        if jacobian.status in (Status.OK, Status.UNSOLVED):
             if progress.unsolvable_since is not None:
                 self.display.say(
                     f"step {step}: solvable again after {step - progress.unsolvable_since} steps of stabilisation"

@@ -135,6 +135,14 @@ class AdamConfig(OptimizerConfig):
 
 
 @dataclass
+class AdamBfgsConfig(AdamConfig):
+    """Adam, then BFGS with a line search."""
+
+    adam_steps: int = option(at_least=0)
+    """Leading training steps that Adam takes; BFGS takes all others."""
+
+
+@dataclass
 class SgdConfig(OptimizerConfig):
     """Gradient descent with momentum."""
 
@@ -199,6 +207,8 @@ class TrainerConfig:
     """Steps between rows of metrics.csv."""
     checkpoint_every: int = option(at_least=1)
     """Steps between checkpoints."""
+    spectral_steps: int = option(at_least=0)
+    """Leading steps that nothing is solved in: the spectral terms alone train, at the data states; 0 for none."""
     horizons: list[float] = option(above=0, at_most=1)
     """Growing horizon: leading fractions of it, each trained for an equal share of the steps; [1] for all at once."""
     figures: bool = MISSING
@@ -270,7 +280,7 @@ SCHEMAS: dict[str, dict[str, type]] = {
     "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig},
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
     "solver": {"adaptive": AdaptiveSolverConfig, "fixed": FixedSolverConfig},
-    "optimizer": {"adam": AdamConfig, "sgd": SgdConfig},
+    "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "sgd": SgdConfig},
     "combine": {"plain": CombineConfig, "sequential": SequentialConfig},
     "engine": {"plain": EngineConfig, "compiled": CompiledEngineConfig},
     "target": {"truth": TargetConfig, "stated": StatedTargetConfig},

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from omegaconf import DictConfig
 
-from eigenode_cli.terms import split_grads
+from eigenode_cli.terms import NAMES, split_grads
 
 
 def useless_options(config: DictConfig, typed: Sequence[str]) -> dict[str, str]:
@@ -30,6 +30,8 @@ def _reason(config: DictConfig, key: str) -> str | None:
         return "no error function is huber; choose one with error.TERM=huber"
     if key in ("optimizer.lr_rate", "optimizer.lr_every") and config.optimizer.lr_extra == 0.0:
         return "the learning rate is constant; optimizer.lr_extra=... lets it decay"
+    if key == "trainer.spectral_steps" and not any(word in NAMES[1:] for word in words):
+        return f"grads={config.grads} has no term of the spectrum"
     if key == "eigen.eigenvalue_count" and words in (["sol"], ["stf"], ["sol", "stf"]):
         return f"grads={config.grads} has no term that averages over eigenvalues"
     if key == "eigen.max_condition" and words == ["sol"]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from numba import carray  # pyright: ignore[reportPrivateImportUsage]  # documented under this name
 
 from eigenode_cli.engines.compiled.algebra import add_scaled, clear
-from eigenode_cli.engines.compiled.integrate import OK, Method, integrate
+from eigenode_cli.engines.compiled.integrate import OK, UNSOLVED, Method, integrate
 from eigenode_cli.engines.compiled.jacobian import jacobian, pull_back_jacobian, push_tangents
 from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import Net, evaluate_field, mirror_weights, unpack_gradient
@@ -44,6 +44,7 @@ class Setup(NamedTuple):
         frequency, damping, pairs, stiffness: targets, one row for each of the T spectra and then again `(2 T, ...)`.
         margin, errors, delta: of the terms.
         stabilise: whether a failed solve gives spectral terms.
+        solved: whether there is a solve at all.
     """
 
     outputs: int
@@ -64,6 +65,7 @@ class Setup(NamedTuple):
     errors: int
     delta: float
     stabilise: bool
+    solved: bool
 
 
 class Work(NamedTuple):
@@ -132,9 +134,13 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     setup, outcome = core.setup, integers(core.work.outcome, 0)
     mirror_weights(core.net)
     times, start, trajectory = doubles(setup.times, 0), doubles(setup.start, 0), start_of(states)
-    status, accepted, rejected, reached = integrate(
-        core.net, core.method, steps, given.size, start_of(given), start, setup.outputs, times, trajectory
-    )
+    status, accepted, rejected, reached = UNSOLVED, 0, 0, 0
+    if setup.solved:
+        status, accepted, rejected, reached = integrate(
+            core.net, core.method, steps, given.size, start_of(given), start, setup.outputs, times, trajectory
+        )
+    else:
+        states[:, :] = math.nan
     outcome[STATUS], outcome[ACCEPTED], outcome[REJECTED], outcome[REACHED] = status, accepted, rejected, reached
     outcome[SPECTRA], outcome[GUARDED] = 0, 0
     if _spectra_are_wanted(codes):
