@@ -24,6 +24,7 @@ from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.select import build_engine
+from eigenode_cli.engines.stages import build_stages
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
@@ -53,7 +54,7 @@ class Setup:
     field: VectorField
     engine: Engine
     stages: tuple[Engine, ...]
-    """Engines over the growing horizon, after the one without a solve if there is one; the last one is `engine`."""
+    """What trains at each stage (see `engines.stages`); `engine` is that of the records."""
     names: tuple[str, ...]
     """All terms that are recorded: the six and the user's own."""
 
@@ -90,14 +91,8 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     field = build_field(config.network, data.states, system.dynamics(data.states), config.seed)
     user_terms = load_user_terms(config.terms)
     engine = build_engine(config, field, problem, user_terms, announce)
-    growing = [
-        build_engine(config, field, problem.until(fraction), user_terms, _unheard)
-        for fraction in config.trainer.horizons[:-1]
-    ]
-    stages = [*growing, engine]
-    if config.trainer.spectral_steps > 0:
-        stages.insert(0, build_engine(config, field, problem.unsolved(), user_terms, _unheard))
-    return Setup(config, system, data, problem, field, engine, tuple(stages), (*NAMES, *sorted(user_terms)))
+    stages = build_stages(config, field, problem, user_terms, engine)
+    return Setup(config, system, data, problem, field, engine, stages, (*NAMES, *sorted(user_terms)))
 
 
 def build_targets(config: TrainConfig, system: System, data: Data) -> Targets:
@@ -236,7 +231,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
         record |= {
             "steps": progress.step,
             "train_seconds": progress.train_seconds,
-            "compile_seconds": sum(engine.compile_seconds for engine in setup.stages),
+            "compile_seconds": sum(engine.compile_seconds for engine in {*setup.stages, setup.engine}),
             "unsolvable_steps": progress.unsolvable_steps,
             "guard_count": progress.guard_count,
         }

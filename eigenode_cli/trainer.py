@@ -33,7 +33,7 @@ class Trainer:
     Attributes:
         engine: evaluates the terms over the whole horizon for the record.
         stages: compute the loss Jacobian, one after another: with `spectral_steps` the first one for so many, the
-            others for an equal share of the rest; the last is `engine`.
+            others for an equal share of the rest.
         optimizer: takes the updates.
         combination: scaled gradients `(L, P)` to updates `(K, P)`.
         terms: the named terms `(L,)`.

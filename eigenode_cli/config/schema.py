@@ -223,6 +223,9 @@ class EigenConfig:
 
     every: int = option(at_least=1)
     """A spectrum at every k-th data time."""
+    at: str = option(choices=names.SPECTRA_AT)
+    """Where the spectral terms that train are taken: trajectory (the model's own, up to the growing horizon) | data
+    (all data states). The recorded ones are those along the trajectory."""
     jacobian: str = option(choices=names.JACOBIANS)
     """How A = df/dx is computed: autodiff | finite_difference | symbolic."""
     max_condition: float = option(at_least=1)

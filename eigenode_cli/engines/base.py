@@ -61,8 +61,11 @@ class Engine(Protocol):
 
     name: str
     """As in `engine=`."""
-    compile_seconds: float
-    """Time spent on compilation so far."""
+
+    @property
+    def compile_seconds(self) -> float:
+        """Time spent on compilation so far."""
+        ...
 
     def loss_jacobian(self, theta: Floats) -> LossJacobian:
         """Values and gradients of the named terms at the parameters `theta (P,)`."""
