@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from eigenode_cli.config.schema import AdamConfig, SgdConfig
-from eigenode_cli.optimizer import build_optimizer, learning_rate
+from eigenode_cli.config.schema import AdamBfgsConfig, AdamConfig, SgdConfig
+from eigenode_cli.optimizer import AdamBfgs, build_optimizer, learning_rate
 
 CONSTANT = {"lr_extra": 0.0, "lr_rate": 0.0, "lr_every": 1}
 CASES = [
@@ -74,3 +74,19 @@ def test_updates_take_the_rate_of_their_step(config) -> None:
         optimizer.update(first, np.array([1.0, -3.0]))
         constant.update(second, np.array([1.0, -3.0]))
     assert first.tobytes() == second.tobytes()
+
+
+def test_bfgs_takes_over_from_adam_at_its_step() -> None:
+    adam = CASES[0][0]
+    optimizer = build_optimizer(AdamBfgsConfig(**{**vars(adam), "name": "adam_bfgs"}, adam_steps=4), 3)
+    assert isinstance(optimizer, AdamBfgs)
+    assert [optimizer.searches(k) for k in (0, 3, 4, 9)] == [False, False, True, True]
+    plain, first, second = build_optimizer(adam, 3), np.ones(3), np.ones(3)
+    for theta, one in ((first, optimizer), (second, plain)):
+        one.begin(3)
+        one.update(theta, np.array([1.0, -2.0, 0.5]))
+    assert first.tobytes() == second.tobytes()
+    assert optimizer.lr == plain.lr
+    optimizer.begin(4)
+    assert math.isnan(optimizer.lr)
+    assert set(optimizer.state()) == {*plain.state(), "inverse_hessian", "phase"}

@@ -139,7 +139,8 @@ class AdamBfgsConfig(AdamConfig):
     """Adam, then BFGS with a line search."""
 
     adam_steps: int = option(at_least=0)
-    """Leading training steps that Adam takes; BFGS takes all others."""
+    """Leading training steps that Adam takes, with the updates of `combine`; BFGS takes all others, on the sum of the
+    scaled terms, whatever `combine` is."""
 
 
 @dataclass

@@ -163,19 +163,10 @@ def _trainer(config: DictConfig) -> Iterator[str]:
             " for example [0.25,0.5,1]"
         )
     trainer = config.trainer
-    if trainer.spectral_steps >= trainer.steps:
+    if 0 < trainer.spectral_steps >= trainer.steps:
         yield (
             f"trainer.spectral_steps={trainer.spectral_steps}: must be below trainer.steps={trainer.steps},"
             " or nothing is ever solved"
-        )
-
-
-def _optimizer(config: DictConfig) -> Iterator[str]:
-    """What minimises a function is given one."""
-    if config.optimizer.name == "adam_bfgs" and config.combine.name != "sum":
-        yield (
-            f"combine={config.combine.name}: no function has these updates as its gradient, and optimizer=adam_bfgs"
-            " minimises one; write combine=sum"
         )
 
 
@@ -215,7 +206,6 @@ CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (
     _network,
     _eigen,
     _trainer,
-    _optimizer,
     _engine,
     _target,
     _own_terms,
