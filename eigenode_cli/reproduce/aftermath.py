@@ -1,5 +1,7 @@
-"""What is measured of a trained model besides its own records: time of several gradients, test from another
-state, error at a tight tolerance."""
+"""What is measured of a trained model besides its own records.
+
+The time of several gradients, the test from another state, the error at a tight tolerance.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -13,8 +13,9 @@ from eigenode_cli.reproduce.schema import ClaimSpec
 
 HOLDS, MIXED, FAILS, UNDEFINED = "holds", "mixed", "fails", "undefined"
 MOST = 0.8
-"""A claim holds if at least this share of the seeds shows it, and fails if at most the rest does; mixed between. A claim
-may ask for another share."""
+"""A claim holds if at least this share of the seeds shows it, and fails if at most the rest does; mixed between.
+
+A claim may ask for another share."""
 LEAST_CHANCE = 0.005
 """Chance below which the seeds of a check are taken to contradict the committed ones."""
 
