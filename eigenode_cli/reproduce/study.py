@@ -23,6 +23,7 @@ from eigenode_cli.reproduce.units import Unit, distinct, in_parallel, pending, s
 from eigenode_cli.reproduce.verdicts import Verdict, judge
 
 DEFAULT_PROTOCOL = "paper"
+INTERRUPTED = 130
 LINES = 20
 """About as many lines of progress go into a pipe."""
 
@@ -146,6 +147,8 @@ def train(study: Study, jobs: int) -> None:
     failed = 0
     with _counter("training", len(todo)) as done:
         for status in in_parallel(train_unit, todo, jobs):
+            if status == INTERRUPTED:  # that run has saved itself and told nobody; the study ends with it
+                raise KeyboardInterrupt
             failed += status != 0
             done()
     if todo:
