@@ -10,7 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.config.schema import AdamConfig, OptimizerConfig, SgdConfig
+from eigenode_cli.bfgs import Bfgs
+from eigenode_cli.config.schema import AdamBfgsConfig, AdamConfig, OptimizerConfig, SgdConfig
 from eigenode_cli.jit import njit
 
 Floats = NDArray[np.float64]
@@ -94,3 +95,34 @@ class Optimizer:
     def state(self) -> dict[str, Floats]:
         """Everything that the next update depends on, by name; the arrays themselves, not copies."""
         return self._state
+
+
+class AdamBfgs(Optimizer):
+    """Adam first, then BFGS: the first passes jumps and kinks of the terms, the second converges.
+
+    The trainer hands BFGS whole functions (`Bfgs.step`). Adam's update is there at any time: it also leads out of where
+    the function has no value.
+
+    Attributes:
+        switch: number of the first training step of BFGS.
+        bfgs: the second part.
+    """
+
+    def __init__(self, config: AdamBfgsConfig, parameters: int) -> None:
+        super().__init__(config, parameters)
+        self.switch = config.adam_steps
+        self.bfgs = Bfgs(parameters)
+        self._state |= self.bfgs.state()
+
+    def lr(self, step: int) -> float:
+        """Learning rate of Adam; NaN at the steps of BFGS, which has none."""
+        return math.nan if step >= self.switch else self.adam_lr(step)
+
+    def adam_lr(self, step: int) -> float:
+        """Learning rate of Adam at any step."""
+        return super().lr(step)
+
+
+def build_optimizer(config: OptimizerConfig, parameters: int) -> Optimizer:
+    """The optimizer for a vector of `parameters`."""
+    return AdamBfgs(config, parameters) if isinstance(config, AdamBfgsConfig) else Optimizer(config, parameters)

@@ -30,6 +30,8 @@ class Problem:
         solver: method and tolerances.
         stabilise: whether a failed solve still gives the spectral terms, on the part that was reached and on the data
             states together, both held constant; otherwise all terms of a failed solve are NaN.
+        solved: whether anything is solved at all. If not, every loss Jacobian has the status `UNSOLVED` and gives the
+            spectral terms, at the data states alone.
     """
 
     data: Data
@@ -43,6 +45,7 @@ class Problem:
     jacobian: str
     solver: SolverConfig
     stabilise: bool
+    solved: bool = True
 
     @cached_property
     def spectral_index(self) -> NDArray[np.int64]:
@@ -61,6 +64,10 @@ class Problem:
         count = max(3, int(np.searchsorted(times, end * (1.0 + 1e-12), side="right")))
         data = Data(times[:count], self.data.states[:count], self.data.mask[:count])
         return replace(self, data=data, targets=self.targets.rows(np.arange(-(-count // self.every))))
+
+    def unsolved(self) -> "Problem":
+        """The spectral terms of the same problem at the data states, without a solve."""
+        return replace(self, solved=False, stabilise=True)
 
     def stabilising_rows(self, reached: Floats) -> NDArray[np.int64]:
         """Which spectra a failed solve that reached these states `(R, n)` still contributes, as rows of `targets`.

@@ -31,7 +31,7 @@ from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
-from eigenode_cli.optimizer import Optimizer
+from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
@@ -196,7 +196,7 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
     config, horizon = setup.config, setup.config.system.horizon
     saved = load_last(folder) if resumed else None
     theta = flat_parameters(setup.field)
-    optimizer = Optimizer(config.optimizer, theta.size)
+    optimizer = build_optimizer(config.optimizer, theta.size)
     progress = Progress()
     if saved is not None:
         progress, theta, state = saved

@@ -9,6 +9,7 @@ from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.select import build_engine
+from eigenode_cli.engines.split import SPECTRAL, SplitEngine
 from eigenode_cli.field import VectorField
 from eigenode_cli.problem import Problem
 from eigenode_cli.terms import canonical, split_grads
@@ -20,6 +21,9 @@ def build_stages(
     config: TrainConfig, field: VectorField, problem: Problem, user_terms: Mapping[str, UserTerm], whole: Engine
 ) -> tuple[Stage, ...]:
     """Pre-training if there is any, then the growing horizon, whose fractions share the other steps equally.
+
+    `trainer.spectral_steps` pre-trains the spectral terms at the data states, where nothing is solved;
+    `trainer.pretrain` any terms over the whole horizon.
 
     Args:
         config: of the run.
@@ -33,14 +37,27 @@ def build_stages(
         return build_engine(config, field, part, dict(user_terms), _unheard)
 
     trainer, stages = config.trainer, []
+    if trainer.spectral_steps > 0:
+        stages.append(Stage(0, engine_of(problem.unsolved()), gradient_scales(config, problem.terms)))
     if trainer.pretrain is not None:
         first = canonical(split_grads(trainer.pretrain))
         stages.append(Stage(0, engine_of(replace(problem, terms=first)), gradient_scales(config, first)))
-    lead, rest = trainer.pretrain_steps, trainer.steps - trainer.pretrain_steps
+    spectral = tuple(term for term in problem.terms if term in SPECTRAL)
+    rest = tuple(term for term in problem.terms if term not in SPECTRAL)
+    split = config.eigen.at == "data" and spectral and rest
+
+    def over(fraction: float) -> Engine:
+        if split:
+            states = engine_of(replace(problem.unsolved(), terms=spectral))
+            solved = engine_of(replace(problem.until(fraction), terms=rest))
+            return SplitEngine(problem.terms, solved, states, problem.stabilise)
+        return whole if fraction == 1.0 else engine_of(problem.until(fraction))
+
+    lead = trainer.spectral_steps + trainer.pretrain_steps
     scales, shares = gradient_scales(config, problem.terms), len(trainer.horizons)
     for number, fraction in enumerate(trainer.horizons):
-        engine = whole if fraction == 1.0 else engine_of(problem.until(fraction))
-        stages.append(Stage(lead - (-number * rest // shares), engine, scales))
+        first_step = lead - (-number * (trainer.steps - lead) // shares)
+        stages.append(Stage(first_step, over(fraction), scales))
     return tuple(stages)
 
 

@@ -1,5 +1,6 @@
 """The training loop: loss Jacobian, combination, optimizer, record. It knows nothing of engines, systems or files."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -11,8 +12,9 @@ from eigenode_cli.config.schema import TrainerConfig
 from eigenode_cli.console import Display, duration
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.base import Engine
-from eigenode_cli.learner import Rule, build_rule
-from eigenode_cli.optimizer import Optimizer
+from eigenode_cli.learner import Rule, build_rule, learn
+from eigenode_cli.objective import Objective
+from eigenode_cli.optimizer import AdamBfgs, Optimizer
 from eigenode_cli.recorder import Progress, Recorder
 from eigenode_cli.solve.status import Status
 
@@ -73,6 +75,7 @@ class Trainer:
     network: Callable[[Floats], dict[str, Any]]
     progress: Progress
     _rules: list[Rule] = field(init=False)
+    _objective: Objective | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self._rules = [build_rule(self.combination, stage.scales, self.optimizer) for stage in self.stages]
@@ -103,18 +106,22 @@ class Trainer:
             raise
 
     def _advance(self) -> None:
-        """Training steps up to the next one before which something is written or the engine changes."""
-        step, config = self.progress.step, self.config
+        """Training steps up to the next one before which something is written or changes."""
+        step, config, optimizer = self.progress.step, self.config, self.optimizer
         number = self._stage(step)
         engine, following = self.stages[number].engine, self.stages[number + 1 : number + 2]
+        switch = optimizer.switch if isinstance(optimizer, AdamBfgs) else config.steps
+        if isinstance(optimizer, AdamBfgs) and step >= switch:
+            self._descend(number, optimizer)
+            return
         events = [
-            config.steps,
+            min(config.steps, switch),
             *(stage.first for stage in following),
             step - step % config.record_every + config.record_every,
             step - step % config.checkpoint_every + config.checkpoint_every,
             step + self._steps_in(BREATH_SECONDS),
         ]
-        rates = np.array([self.optimizer.lr(k) for k in range(step, min(events))])
+        rates = np.array([optimizer.lr(k) for k in range(step, min(events))])
         start = perf_counter() - engine.compile_seconds
         taken = engine.advance(self.theta, self._rules[number], rates, config.on_unsolvable == "stop")
         self.progress.train_seconds += perf_counter() - engine.compile_seconds - start
@@ -122,6 +129,25 @@ class Trainer:
         for status, values in zip(taken.statuses.tolist(), taken.values, strict=True):
             self._note_status(Status(status), values)
             self.progress.step += 1
+
+    def _descend(self, number: int, optimizer: AdamBfgs) -> None:
+        """One iteration of BFGS on the sum of a stage's terms; where a solve fails, Adam's update of the rest."""
+        stage, step = self.stages[number], self.progress.step
+        if step > 0 and self._stage(step - 1) != number:
+            optimizer.bfgs.restart()
+        if self._objective is None or self._objective.engine is not stage.engine:
+            self._objective = Objective(stage.engine, stage.scales)
+        start = perf_counter() - stage.engine.compile_seconds
+        here = self._objective.at(self.theta)
+        self._note_status(here.jacobian.status, here.jacobian.values)
+        if math.isfinite(here.value):
+            optimizer.bfgs.step(self.theta, here, self._objective.at)
+        else:
+            optimizer.bfgs.restart()
+            learn(self._rules[number], self.theta, here.jacobian.gradients, optimizer.adam_lr(step))
+        self.progress.step += 1
+        self.progress.guard_count += here.jacobian.guard_count
+        self.progress.train_seconds += perf_counter() - stage.engine.compile_seconds - start
 
     def _stage(self, step: int) -> int:
         """Number of the stage that a step belongs to: by the step alone, so that resuming is safe."""
@@ -135,7 +161,7 @@ class Trainer:
     def _note_status(self, status: Status, values: Floats) -> None:
         """Count failed solves, and say when they begin and when the field is solvable again."""
         progress, step = self.progress, self.progress.step
-        if status is Status.OK:
+        if status in (Status.OK, Status.UNSOLVED):
             if progress.unsolvable_since is not None:
                 self.display.say(
                     f"step {step}: solvable again after {step - progress.unsolvable_since} steps of stabilisation"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from eigenode_cli.config.schema import AdamConfig, SgdConfig
-from eigenode_cli.optimizer import Optimizer, learning_rate
+from eigenode_cli.config.schema import AdamBfgsConfig, AdamConfig, SgdConfig
+from eigenode_cli.optimizer import AdamBfgs, Optimizer, build_optimizer, learning_rate
 
 CONSTANT = {"lr_extra": 0.0, "lr_rate": 0.0, "lr_every": 1}
 CASES = [
@@ -76,3 +76,13 @@ def test_an_update_has_the_size_of_its_rate(config) -> None:
 def test_the_rate_of_a_step_is_that_of_the_schedule() -> None:
     config = SgdConfig(name="sgd", lr=1e-3, lr_extra=1.0, lr_rate=0.5, lr_every=1, momentum=0.0)
     assert Optimizer(config, 2).lr(3) == 1e-3 + math.exp(-1.5)
+
+
+def test_bfgs_takes_over_from_adam_at_its_step() -> None:
+    adam = CASES[0][0]
+    optimizer = build_optimizer(AdamBfgsConfig(**{**vars(adam), "name": "adam_bfgs"}, adam_steps=4), 3)
+    assert isinstance(optimizer, AdamBfgs)
+    plain = build_optimizer(adam, 3)
+    assert optimizer.lr(3) == optimizer.adam_lr(4) == plain.lr(3)
+    assert math.isnan(optimizer.lr(4))
+    assert set(optimizer.state()) == {*plain.state(), "inverse_hessian", "phase"}

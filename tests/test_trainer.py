@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,12 @@ import pytest
 import torch
 
 from eigenode_cli.combine import SEQUENTIAL
-from eigenode_cli.config.schema import SgdConfig, TrainerConfig
+from eigenode_cli.config.schema import AdamBfgsConfig, SgdConfig, TrainerConfig
 from eigenode_cli.console import LineDisplay
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.base import Advance, Evaluation, LossJacobian, single_step
 from eigenode_cli.learner import Rule
-from eigenode_cli.optimizer import Optimizer
+from eigenode_cli.optimizer import Optimizer, build_optimizer
 from eigenode_cli.recorder import Progress, Recorder, load_last
 from eigenode_cli.solve.status import Status
 from eigenode_cli.trainer import Stage, Trainer, Unsolvable, summary
@@ -135,6 +136,37 @@ def test_stages_take_their_steps_with_their_scales(make: Make, tmp_path: Path) -
     np.testing.assert_allclose(before.seen, 1.0 - 0.05 * np.arange(4), rtol=1e-12)  # its own scales: 0.1 times 0.5
 
 
+def searching(trainer: Trainer, adam_steps: int) -> Trainer:
+    config = AdamBfgsConfig("adam_bfgs", 0.1, 0.0, 0.0, 1, 0.9, 0.999, 1e-8, adam_steps)
+    return dataclasses.replace(trainer, optimizer=build_optimizer(config, trainer.theta.size))
+
+
+def test_bfgs_descends_on_the_sum_of_the_scaled_terms(make: Make, tmp_path: Path) -> None:
+    trainer = searching(make(tmp_path, Bowl(), 5.0), adam_steps=2)
+    trainer.run()
+    assert trainer.theta[0] == pytest.approx(-1.0)  # of x^2 + 2 x
+    assert trainer.progress.unsolvable_steps == 0
+    rates = [row.split(",")[2] for row in (tmp_path / "metrics.csv").read_text().splitlines()[1:]]
+    assert rates == ["0.1", "", "", ""]  # BFGS has no learning rate
+
+
+def test_bfgs_leaves_a_failed_solve_by_adam(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    trainer = searching(make(tmp_path, Bowl(limit=0.75), 1.0, steps=20), adam_steps=0)
+    trainer.run()
+    assert trainer.theta[0] == pytest.approx(-1.0)
+    assert trainer.progress.unsolvable_steps == 3
+    assert "solvable again after 3 steps" in capsys.readouterr().out
+
+
+def test_bfgs_forgets_the_curvature_where_another_stage_begins(make: Make, tmp_path: Path) -> None:
+    stages = [Stage(0, Bowl(), SCALES), Stage(5, Bowl(), SCALES)]
+    trainer = searching(make(tmp_path, Bowl(), 5.0, stages=stages), adam_steps=0)
+    restarts: list[int] = []
+    trainer.optimizer.bfgs.restart = lambda: restarts.append(trainer.progress.step)  # type: ignore[attr-defined]
+    trainer.run()
+    assert restarts == [5]
+
+
 def test_a_failed_solve_heals_and_says_so(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trainer = make(tmp_path, Bowl(limit=0.5), 1.0)
     row = trainer.run()
@@ -179,16 +211,19 @@ def interrupted_after(engine: Bowl, steps: int) -> Callable[[Floats], LossJacobi
     return loss_jacobian
 
 
-def test_interruption_saves_where_it_stands_and_resumes_to_the_same_bytes(make: Make, tmp_path: Path) -> None:
-    whole = make(tmp_path / "whole", Bowl(), 1.0)
+@pytest.mark.parametrize("prepare", [lambda t: t, partial(searching, adam_steps=3)], ids=["sgd", "adam_bfgs"])
+def test_interruption_saves_where_it_stands_and_resumes_to_the_same_bytes(
+    make: Make, tmp_path: Path, prepare: Callable[[Trainer], Trainer]
+) -> None:
+    whole = prepare(make(tmp_path / "whole", Bowl(), 1.0))
     whole.run()
-    cut = make(tmp_path / "cut", Bowl(), 1.0)
+    cut = prepare(make(tmp_path / "cut", Bowl(), 1.0))
     cut.engine.loss_jacobian = interrupted_after(cut.engine, 9)  # type: ignore[method-assign, arg-type]
     with pytest.raises(KeyboardInterrupt):
         cut.run()
     saved = load_last(tmp_path / "cut")
     assert saved is not None
-    again = make(tmp_path / "again", Bowl(), 1.0)
+    again = prepare(make(tmp_path / "again", Bowl(), 1.0))
     again.progress, again.theta, state = saved
     for name, array in again.optimizer.state().items():
         array[:] = state[name]

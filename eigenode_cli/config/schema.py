@@ -138,6 +138,15 @@ class AdamConfig(OptimizerConfig):
 
 
 @dataclass
+class AdamBfgsConfig(AdamConfig):
+    """Adam, then BFGS with a line search."""
+
+    adam_steps: int = option(at_least=0)
+    """Leading training steps that Adam takes, with the updates of `combine`; BFGS takes all others, on the sum of the
+    scaled terms, whatever `combine` is."""
+
+
+@dataclass
 class SgdConfig(OptimizerConfig):
     """Gradient descent with momentum."""
 
@@ -210,6 +219,8 @@ class TrainerConfig:
     """Steps between rows of metrics.csv."""
     checkpoint_every: int = option(at_least=1)
     """Steps between checkpoints."""
+    spectral_steps: int = option(at_least=0)
+    """Leading steps that nothing is solved in: the spectral terms alone train, at the data states; 0 for none."""
     horizons: list[float] = option(above=0, at_most=1)
     """Growing horizon: leading fractions of it, each trained for an equal share of the steps; [1] for all at once."""
     pretrain: str | None = MISSING
@@ -228,6 +239,9 @@ class EigenConfig:
 
     every: int = option(at_least=1)
     """A spectrum at every k-th data time."""
+    at: str = option(choices=names.SPECTRA_AT)
+    """Where the spectral terms that train are taken: trajectory (the model's own, up to the growing horizon) | data
+    (all data states). The recorded ones are those along the trajectory."""
     jacobian: str = option(choices=names.JACOBIANS)
     """How A = df/dx is computed: autodiff | finite_difference | symbolic."""
     max_condition: float = option(at_least=1)
@@ -285,7 +299,7 @@ SCHEMAS: dict[str, dict[str, type]] = {
     "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig},
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
     "solver": {"adaptive": AdaptiveSolverConfig, "fixed": FixedSolverConfig},
-    "optimizer": {"adam": AdamConfig, "sgd": SgdConfig},
+    "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "sgd": SgdConfig},
     "combine": {"plain": CombineConfig, "sequential": SequentialConfig},
     "engine": {"plain": EngineConfig, "compiled": CompiledEngineConfig},
     "target": {"truth": TruthTargetConfig, "stated": StatedTargetConfig},

@@ -10,6 +10,9 @@ from omegaconf import DictConfig
 
 from eigenode_cli.terms import training_terms
 
+SPECTRAL_ONLY = ("eigen.max_condition", "eigen.at", "trainer.spectral_steps")
+"""Keys that only the gradients of spectral terms depend on."""
+
 
 def useless_options(config: DictConfig, typed: Sequence[str]) -> dict[str, str]:
     """A fault for each of the typed keys that nothing reads in this (valid) configuration."""
@@ -22,16 +25,26 @@ def useless_options(config: DictConfig, typed: Sequence[str]) -> dict[str, str]:
 
 
 def _reason(config: DictConfig, key: str) -> str | None:
+    """Why nothing reads a key, or None."""
     words = list(training_terms(config.grads, config.trainer.pretrain))
     group, _, name = key.rpartition(".")
-    if group == "scale" and name not in words:
-        return f"grads={config.grads} does not have {name}; add it or leave the scale out"
-    if key == "error.huber_delta" and "huber" not in config.error.values():
-        return "no error function is huber; choose one with error.TERM=huber"
-    if key in ("optimizer.lr_rate", "optimizer.lr_every") and config.optimizer.lr_extra == 0.0:
-        return "the learning rate is constant; optimizer.lr_extra=... lets it decay"
-    if key == "eigen.eigenvalue_count" and words in (["sol"], ["stf"], ["sol", "stf"]):
-        return f"grads={config.grads} has no term that averages over eigenvalues"
-    if key == "eigen.max_condition" and words == ["sol"]:
-        return "grads=sol has no term of the spectrum"
-    return None
+    reasons = (
+        (
+            group == "scale" and name not in words,
+            f"grads={config.grads} does not have {name}; add it or leave the scale out",
+        ),
+        (
+            key == "error.huber_delta" and "huber" not in config.error.values(),
+            "no error function is huber; choose one with error.TERM=huber",
+        ),
+        (
+            key in ("optimizer.lr_rate", "optimizer.lr_every") and config.optimizer.lr_extra == 0.0,
+            "the learning rate is constant; optimizer.lr_extra=... lets it decay",
+        ),
+        (
+            key == "eigen.eigenvalue_count" and words in (["sol"], ["stf"], ["sol", "stf"]),
+            f"grads={config.grads} has no term that averages over eigenvalues",
+        ),
+        (key in SPECTRAL_ONLY and words == ["sol"], "grads=sol has no term of the spectrum"),
+    )
+    return next((reason for applies, reason in reasons if applies), None)

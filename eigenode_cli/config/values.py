@@ -176,6 +176,17 @@ def _trainer(config: DictConfig) -> Iterator[str]:
         yield f"trainer.pretrain={terms}: how long? write trainer.pretrain_steps=... (of trainer.steps={steps})"
     if 0 < steps <= share:
         yield f"trainer.pretrain_steps={share}: must be below trainer.steps={steps}, grads={config.grads} has the rest"
+    trainer = config.trainer
+    if trainer.spectral_steps > 0 and share > 0:
+        yield (
+            f"trainer.pretrain_steps={share}: trainer.spectral_steps={trainer.spectral_steps} is a pre-training, too;"
+            " set one of them to 0"
+        )
+    if 0 < trainer.spectral_steps >= trainer.steps:
+        yield (
+            f"trainer.spectral_steps={trainer.spectral_steps}: must be below trainer.steps={trainer.steps},"
+            " or nothing is ever solved"
+        )
 
 
 def _engine(config: DictConfig) -> Iterator[str]:

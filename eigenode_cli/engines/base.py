@@ -92,8 +92,11 @@ class Engine(Protocol):
 
     name: str
     """As in `engine=`."""
-    compile_seconds: float
-    """Time spent on compilation so far."""
+
+    @property
+    def compile_seconds(self) -> float:
+        """Time spent on compilation so far."""
+        ...
 
     def loss_jacobian(self, theta: Floats) -> LossJacobian:
         """Values and gradients of the named terms at the parameters `theta (P,)`."""
@@ -118,6 +121,6 @@ class Engine(Protocol):
 def single_step(engine: Engine, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
     """`Engine.advance` by one step, for engines that need Python in each."""
     jacobian = engine.loss_jacobian(theta)
-    if jacobian.status is Status.OK or not halt:
+    if jacobian.status in (Status.OK, Status.UNSOLVED) or not halt:
         learn(rule, theta, jacobian.gradients, rates[0])
     return Advance(jacobian.values[None], np.array([jacobian.status]), jacobian.guard_count)

@@ -90,7 +90,11 @@ class TorchEngine:
 
     def _forward(self, terms: tuple[str, ...], steps: list[float] | None) -> _Forward:
         problem = self.problem
-        trajectory = solve(self.field, self._start, self._times, problem.solver, steps)
+        trajectory = (
+            solve(self.field, self._start, self._times, problem.solver, steps)
+            if problem.solved
+            else Trajectory(self._start.new_empty((0, self._start.numel())), Status.UNSOLVED, 0, 0, [])
+        )
         index = problem.spectral_index
         reached = int(np.searchsorted(index, trajectory.states.shape[0]))
         along = np.full((index.size, self._start.numel()), np.nan, dtype=np.complex128)

@@ -1,4 +1,7 @@
-"""What is measured of a trained model besides its own records: time of several gradients, test from another state."""
+"""What is measured of a trained model besides its own records.
+
+The time of several gradients, the test from another state, the error at a tight tolerance.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from eigenode_cli.config.schema import AdaptiveSolverConfig
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.files import write_json
 from eigenode_cli.recorder import load_last
-from eigenode_cli.reference import sample
-from eigenode_cli.reproduce.measures import COST_FILE, TEST_FILE
+from eigenode_cli.reference import reference_solution, sample
+from eigenode_cli.reproduce.measures import COST_FILE, TEST_FILE, TIGHT_FILE
 from eigenode_cli.reproduce.units import Unit
-from eigenode_cli.run import Setup, build, build_targets
+from eigenode_cli.run import DENSE, Setup, build, build_targets
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES
 
@@ -23,6 +27,9 @@ ROUNDS = 15
 """Times that a measurement is repeated; the fastest counts, the others were disturbed."""
 SECONDS = 0.02
 """Least duration of what is timed at once."""
+TIGHT = {"rtol": 1e-7, "atol": 1e-9}
+"""Tolerances at which the learned field's own solution shows: one that was fitted together with the errors of a loose
+solver is wrong here."""
 
 
 def _unheard(_message: str) -> None:
@@ -93,3 +100,18 @@ def measure_test(unit: Unit) -> None:
         "rejected": trained.n_rejected,
     }
     write_json(unit.folder / TEST_FILE, content)
+
+
+def measure_tight(unit: Unit) -> None:
+    """Write the dense error of the trained field when its solver has tight tolerances."""
+    if (unit.folder / TIGHT_FILE).is_file():
+        return
+    setup, theta = _trained(unit)
+    solver = setup.problem.solver
+    if isinstance(solver, AdaptiveSolverConfig):
+        solver = replace(solver, **TIGHT)
+    engine: Engine = build_engine(unit.config, setup.field, replace(setup.problem, solver=solver), {}, _unheard)
+    times = np.linspace(0.0, unit.config.system.horizon, DENSE)
+    truth = reference_solution(setup.system, setup.problem.initial_state, times)
+    error = np.abs(engine.evaluate(theta, times).dense[:, 0] - truth[:, 0])
+    write_json(unit.folder / TIGHT_FILE, {"dense_error": float(np.mean(error))})

@@ -142,6 +142,8 @@ def _claim_faults(claim: ClaimSpec, runs: dict[str, RunSpec]) -> Iterator[str]:
         yield f"tolerance: {'missing for' if stable else 'not read by'} {claim.measure}"
     if (claim.measure == "rebound") != (claim.window is not None and len(claim.window) == 2):
         yield "window: rebound takes the first and the last training step, no other measure takes it"
+    if claim.share is not None and claim.statistic != "share":
+        yield f"share: not read by the {claim.statistic}"
     if claim.step is not None and claim.measure not in AT_A_STEP:
         yield f"step: not read by {claim.measure}"
 

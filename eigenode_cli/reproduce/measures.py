@@ -145,8 +145,22 @@ def test_sol(result: Result, claim: ClaimSpec) -> float:
     return result.extra(TEST_FILE).get("test_sol", float("nan"))
 
 
+def twice_error(result: Result, claim: ClaimSpec) -> float:
+    """Mean error of x1 over twice the training horizon, over the amplitude of the truth."""
+    del claim
+    solution = result.solution
+    return float(np.mean(np.abs(solution.model[:, 0] - solution.truth[:, 0]))) / result.amplitude
+
+
+def tight_error(result: Result, claim: ClaimSpec) -> float:
+    """Relative error of the trained field solved at a tight tolerance, whatever that of the training was."""
+    del claim
+    return result.extra(TIGHT_FILE).get("dense_error", float("nan")) / result.amplitude
+
+
 COST_FILE = "gradient_cost.json"
 TEST_FILE = "test.json"
+TIGHT_FILE = "tight.json"
 UNITS = {"stable_first": "steps", "stable_from": "steps", "max_real": "1/s"}
 """Units of the measures that have one whatever the system is."""
 TIMED = ("gradient_cost",)
@@ -167,6 +181,8 @@ MEASURES: dict[str, Callable[[Result, ClaimSpec], float]] = {
         parameters,
         gradient_cost,
         test_sol,
+        twice_error,
+        tight_error,
     )
 }
 """Measures by the name that a claim uses."""

@@ -25,6 +25,8 @@ MEASURES = (
     "parameters",
     "gradient_cost",
     "test_sol",
+    "twice_error",
+    "tight_error",
 )
 """Names of the measures; `reproduce.measures` implements them."""
 
@@ -82,6 +84,8 @@ class ClaimSpec:
     at_most: float | None = None
     statistic: str = option(choices=STATISTICS)
     """share: how many seeds keep the bounds; median: whether their median does."""
+    share: float | None = option(above=0.5, at_most=1)
+    """Share of the seeds from which on the claim holds; where left out that of all claims (`verdicts.MOST`)."""
 
 
 @dataclass
@@ -102,7 +106,14 @@ class Experiment:
     """Whether the time of a loss Jacobian is measured over the number of states."""
 
 
-OPTIONAL = {"step": None, "window": None, "tolerance": None, "statistic": "share", "median_by": "dense_error"}
+OPTIONAL = {
+    "step": None,
+    "window": None,
+    "tolerance": None,
+    "statistic": "share",
+    "share": None,
+    "median_by": "dense_error",
+}
 """Values of constrained fields that may be left out."""
 
 

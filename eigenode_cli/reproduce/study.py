@@ -158,11 +158,15 @@ def train(study: Study, jobs: int) -> None:
 
 def examine(study: Study, jobs: int) -> None:
     """Measure what the records do not hold: the test of the journal in parallel, times alone and one by one."""
-    from eigenode_cli.reproduce.aftermath import measure_gradient_cost, measure_test  # noqa: PLC0415  # torch
+    from eigenode_cli.reproduce.aftermath import measure_gradient_cost, measure_test, measure_tight  # noqa: PLC0415  # torch
 
     tested = [unit for unit in distinct([*study.tabled(), *study.measured("test_sol")]) if unit.status == "finished"]
     with _counter("testing", len(tested)) as done:
         for _ in in_parallel(measure_test, tested, jobs):
+            done()
+    solved = [unit for unit in study.measured("tight_error") if unit.status == "finished"]
+    with _counter("solving again", len(solved)) as done:
+        for _ in in_parallel(measure_tight, solved, jobs):
             done()
     for unit in study.measured("gradient_cost"):
         if unit.status == "finished":

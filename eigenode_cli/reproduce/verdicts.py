@@ -13,7 +13,9 @@ from eigenode_cli.reproduce.schema import ClaimSpec
 
 HOLDS, MIXED, FAILS, UNDEFINED = "holds", "mixed", "fails", "undefined"
 MOST = 0.8
-"""A claim holds if at least this share of the seeds shows it, and fails if at most the rest does; mixed between."""
+"""A claim holds if at least this share of the seeds shows it, and fails if at most the rest does; mixed between.
+
+A claim may ask for another share."""
 LEAST_CHANCE = 0.005
 """Chance below which the seeds of a check are taken to contradict the committed ones."""
 
@@ -117,9 +119,10 @@ def _verdict(claim: ClaimSpec, values: Floats, kept: int) -> str:
         return UNDEFINED
     if claim.statistic == "median":
         return HOLDS if _keeps(claim, np.array([quantile(known, 0.5)]))[0] else FAILS
-    if kept >= MOST * values.size:
+    enough = (MOST if claim.share is None else claim.share) * values.size
+    if kept >= enough:
         return HOLDS
-    return FAILS if values.size - kept >= MOST * values.size else MIXED
+    return FAILS if values.size - kept >= enough else MIXED
 
 
 def quantile(values: Floats, q: float) -> float:
@@ -149,7 +152,8 @@ def expected(claim: ClaimSpec) -> str:
     else:
         bounds = f"\N{LESS-THAN OR EQUAL TO} {claim.at_most:g}"
     median = "median of " if claim.statistic == "median" else ""
-    return f"{median}{what} of {who} {bounds}"
+    share = "" if claim.share is None else f" in {claim.share:.0%} of the seeds"
+    return f"{median}{what} of {who} {bounds}{share}"
 
 
 def differences(found: Sequence[Verdict], committed: Sequence[Mapping[str, Any]]) -> list[str]:

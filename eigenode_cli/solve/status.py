@@ -13,8 +13,10 @@ class Status(IntEnum):
     """`solver.max_steps` attempted steps did not reach the horizon."""
     NON_FINITE = 3
     """The field returned NaN or infinity at every step size that was tried."""
+    UNSOLVED = 4
+    """No solve was asked for: the spectral terms alone are taken, at the data states."""
 
     @property
     def label(self) -> str:
-        """The name as it stands in `metrics.csv`: ok, underflow, max_steps, non_finite."""
+        """The name as it stands in `metrics.csv`: ok, underflow, max_steps, non_finite, unsolved."""
         return self.name.lower()

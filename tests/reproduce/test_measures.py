@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eigenode_cli.records import RecordError
+from eigenode_cli.reproduce.aftermath import measure_tight
 from eigenode_cli.reproduce.measures import MEASURES, Result
 from eigenode_cli.reproduce.study import Study
 from tests.reproduce.test_verdicts import INF, claim
@@ -78,3 +79,18 @@ def test_what_was_not_measured_is_named(study: Study, tmp_path: Path) -> None:
         one.extra("gradient_cost.json")
     assert MEASURES["test_sol"](one, claim()) > 0.0
     assert not Result(study.units["small"]["sol"][0]).unit.folder.samefile(tmp_path)
+
+
+def test_twice_error_is_the_mean_over_both_horizons() -> None:
+    truth, model = np.array([[1.0, 9.0], [3.0, 9.0], [-4.0, 9.0]]), np.array([[1.0, 0.0], [2.0, 0.0], [-2.0, 0.0]])
+    one = SimpleNamespace(solution=SimpleNamespace(truth=truth, model=model), amplitude=4.0)
+    assert MEASURES["twice_error"](one, claim()) == pytest.approx(0.25)
+
+
+def test_tight_error_is_that_of_the_field_without_its_solver(study: Study) -> None:
+    unit = study.units["small"]["sol"][0]
+    measure_tight(unit)
+    one = Result(unit)
+    loose, tight = MEASURES["relative_error"](one, claim()), MEASURES["tight_error"](one, claim())
+    assert tight == pytest.approx(loose, rel=1e-2)
+    assert tight != loose

@@ -8,9 +8,10 @@ import pytest
 
 from eigenode_cli.cli import main
 from eigenode_cli.errors import UserError
+from eigenode_cli.reproduce import study as way
 from eigenode_cli.reproduce.journal import HEADER, hit_step, journal_table
 from eigenode_cli.reproduce.library import names
-from eigenode_cli.reproduce.study import Study, choose
+from eigenode_cli.reproduce.study import Study, choose, prepare, train
 from eigenode_cli.reproduce.tables import found, number
 from tests.reproduce.conftest import write_experiment
 
@@ -128,3 +129,11 @@ def test_found_shows_quartiles_only_where_they_differ(study: Study) -> None:
     size, _, perfect = study.verdicts()
     assert found(size) == "129"
     assert found(perfect).count(",") == 1
+
+
+def test_an_interrupted_run_ends_the_study(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started = []
+    monkeypatch.setattr(way, "train_unit", lambda unit: started.append(unit) or 130)
+    with pytest.raises(KeyboardInterrupt):
+        train(prepare([write_experiment(elsewhere)], None, 2), jobs=1)
+    assert len(started) == 1

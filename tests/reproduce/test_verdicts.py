@@ -37,6 +37,7 @@ def claim(**changes: Any) -> ClaimSpec:
         "step": None,
         "window": None,
         "tolerance": None,
+        "share": None,
     }
     return ClaimSpec(**(options | changes))
 
@@ -63,6 +64,11 @@ def verdict_of(monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_share_of_seeds(kept: int, of: int, verdict: str, verdict_of: Any) -> None:
     found = verdict_of(claim(), a=[0.5] * kept + [2.0] * (of - kept))
     assert (found.kept, found.seeds, found.failures, found.verdict) == (kept, of, 0, verdict)
+
+
+@pytest.mark.parametrize(("kept", "verdict"), [(20, HOLDS), (19, HOLDS), (18, MIXED), (2, MIXED), (1, FAILS)])
+def test_a_claim_may_ask_for_another_share(kept: int, verdict: str, verdict_of: Any) -> None:
+    assert verdict_of(claim(share=0.95), a=[0.5] * kept + [2.0] * (20 - kept)).verdict == verdict
 
 
 def test_bounds_belong_to_the_range(verdict_of: Any) -> None:
@@ -110,6 +116,7 @@ def test_quantiles() -> None:
         ({"at_least": 1}, "sol of a = 1"),
         ({"at_least": 0.5, "against": "b"}, "sol of a / b from 0.5 to 1"),
         ({"step": 25, "statistic": "median"}, "median of sol at step 25 of a ≤ 1"),
+        ({"share": 0.95}, "sol of a ≤ 1 in 95% of the seeds"),
         ({"measure": "rebound", "window": [1, 9]}, "rebound in steps 1 to 9 of a ≤ 1"),
         ({"measure": "stable_from", "tolerance": 0.05}, "stable from (within 0.05 1/s) of a ≤ 1"),
     ],

@@ -191,6 +191,7 @@ def _build_setup(owner: Owner, problem: Problem) -> Setup:
         errors=owner.copy(problem.errors, np.int64),
         delta=float(problem.huber_delta),
         stabilise=bool(problem.stabilise),
+        solved=bool(problem.solved),
     )
 
 

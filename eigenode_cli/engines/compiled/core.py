@@ -26,6 +26,7 @@ class Setup(NamedTuple):
         frequency, damping, pairs, stiffness: targets, one row for each of the T spectra and then again `(2 T, ...)`.
         margin, errors, delta: of the terms.
         stabilise: whether a failed solve gives spectral terms.
+        solved: whether there is a solve at all.
     """
 
     outputs: int
@@ -46,6 +47,7 @@ class Setup(NamedTuple):
     errors: int
     delta: float
     stabilise: bool
+    solved: bool
 
 
 class Work(NamedTuple):

@@ -22,7 +22,7 @@ from eigenode_cli.engines.base import (
 )
 from eigenode_cli.engines.compiled import kernel
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
-from eigenode_cli.engines.compiled.integrate import FULL, OK, Method
+from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, Method
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
@@ -171,7 +171,7 @@ class CompiledEngine:
                 statuses[done:],
             )
             done, guarded = done + taken, guarded + fired
-            halted = halt and done > 0 and statuses[done - 1] != OK
+            halted = halt and done > 0 and statuses[done - 1] not in (OK, UNSOLVED)
             if done == rates.size or halted:
                 break
             self._grow()

@@ -12,7 +12,7 @@ from eigenode_cli.jit import njit_inner
 from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
 
-OK, UNDERFLOW, MAX_STEPS, NON_FINITE = (int(status) for status in Status)
+OK, UNDERFLOW, MAX_STEPS, NON_FINITE, UNSOLVED = (int(status) for status in Status)
 FULL = -1
 """Not a status: there is no room to record another step, the caller makes some and starts again."""
 

@@ -13,7 +13,7 @@ from numba import carray  # pyright: ignore[reportPrivateImportUsage]  # documen
 from eigenode_cli.engines.compiled.algebra import clear, copy
 from eigenode_cli.engines.compiled.blocks import pull_back_spectra, take_block
 from eigenode_cli.engines.compiled.core import ACCEPTED, GUARDED, REACHED, REJECTED, SPECTRA, STATUS
-from eigenode_cli.engines.compiled.integrate import FULL, OK, integrate
+from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, integrate
 from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import mirror_weights, unpack_gradient
 from eigenode_cli.engines.compiled.pullback import adjoint, forward_sensitivities, gather_rows
@@ -43,9 +43,13 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     setup, outcome = core.setup, integers(core.work.outcome, 0)
     mirror_weights(core.net)
     times, start, trajectory = doubles(setup.times, 0), doubles(setup.start, 0), start_of(states)
-    status, accepted, rejected, reached = integrate(
-        core.net, core.method, steps, given.size, start_of(given), start, setup.outputs, times, trajectory
-    )
+    status, accepted, rejected, reached = UNSOLVED, 0, 0, 0
+    if setup.solved:
+        status, accepted, rejected, reached = integrate(
+            core.net, core.method, steps, given.size, start_of(given), start, setup.outputs, times, trajectory
+        )
+    else:
+        states[:, :] = math.nan
     outcome[STATUS], outcome[ACCEPTED], outcome[REJECTED], outcome[REACHED] = status, accepted, rejected, reached
     outcome[SPECTRA], outcome[GUARDED] = 0, 0
     if _spectra_are_wanted(codes):
@@ -268,7 +272,7 @@ def advance(
             return k, guarded
         statuses[k] = status
         guarded += integers(core.work.outcome, 0)[GUARDED]
-        if status != OK and halt:
+        if halt and status not in (OK, UNSOLVED):
             return k + 1, guarded
         learn(rule, theta, gradients, rates[k])
     return rates.size, guarded
