@@ -187,6 +187,7 @@ def test_list(capsys: pytest.CaptureFixture[str]) -> None:
         "authors  the code behind the figures of the paper's first version",
         "journal  the authors' code for the later journal version, its quirks included",
         "paper    the text of the paper, gaps filled from the authors' first code",
+        "robust   ours, reliable on all three systems of the paper",
     ]
 
 
