@@ -87,6 +87,10 @@ WRONG = [
         "trainer.pretrain=frg: unknown term 'frg', did you mean frq? choose from frq, ",
     ),
     (
+        "train trainer.pretrain=frq trainer.pretrain_steps=9 trainer.spectral_steps=9",
+        "trainer.pretrain_steps=9: trainer.spectral_steps=9 is a pre-training, too; set one of them to 0",
+    ),
+    (
         "train target=stated grads=sol trainer.pretrain=frq trainer.pretrain_steps=9",
         "trainer.pretrain=frq: frq has nothing to meet; state target.frequency and target.damping",
     ),
