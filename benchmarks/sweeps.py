@@ -1,6 +1,6 @@
 """Throughput of sweeps: joblib on two workers against one, threads against one, and what --dry-run expected.
 
-    python benchmarks/sweeps.py [--runs 200] [--steps 200] [--output benchmarks/sweeps.json]
+    python benchmarks/sweeps.py [--runs 200] [--steps 1000] [--output benchmarks/sweeps.json]
 
 Every sweep is the command itself, started in a folder of its own, from its first to its last second.
 """
@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from statistics import median
 from time import perf_counter
 
 UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
@@ -22,7 +23,8 @@ def main() -> None:
     """Measure, print, and write JSON where asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--steps", type=int, default=200, help="of each run of the sweep")
+    parser.add_argument("--steps", type=int, default=1000, help="of each run of the sweep")
+    parser.add_argument("--pairs", type=int, default=3, help="of sweeps, in turn")
     parser.add_argument("--repetitions", type=int, default=8)
     parser.add_argument("--repeated-steps", type=int, default=5000, help="of each repetition")
     parser.add_argument("--output", type=Path)
@@ -33,8 +35,10 @@ def main() -> None:
     result: dict[str, object] = {"load_before": os.getloadavg()[0], "runs": args.runs, "steps": args.steps}
     expected = command([*sweep, "hydra.launcher.n_jobs=2", "--dry-run"])[1]
     result["expected_seconds_on_two"] = seconds_of(expected)
-    one, two = (command([*sweep, f"hydra.launcher.n_jobs={workers}"])[0] for workers in (1, 2))
-    result |= {"seconds_on_one": one, "seconds_on_two": two, "throughput_ratio": one / two}
+    seconds = [[command([*sweep, f"hydra.launcher.n_jobs={n}"])[0] for n in (1, 2)] for _ in range(args.pairs)]
+    result |= {"seconds_on_one": [one for one, _ in seconds], "seconds_on_two": [two for _, two in seconds]}
+    result["throughput_ratios"] = [one / two for one, two in seconds]
+    result["throughput_ratio"] = median(one / two for one, two in seconds)
     repeated = ["system=oscillator", f"repetitions={args.repetitions}", f"trainer.steps={args.repeated_steps}"]
     for grads in ("sol", "sol+frq+dmp+osc"):
         one = command([*repeated, f"grads={grads}"], cores=1)[0]

@@ -20,7 +20,7 @@ def _source_hash() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
         text = source.read_bytes()
-        if b"njit" in text or b"numba" in text:
+        if b"njit" in text or b"import numba" in text or b"from numba" in text:
             digest.update(source.relative_to(_PACKAGE).as_posix().encode())
             digest.update(text)
     return digest.hexdigest()[:16]

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
@@ -282,10 +282,12 @@ def _description(setup: Setup) -> dict[str, Any]:
     }
 
 
+@cache
 def _versions() -> dict[str, str]:
     return {package: version(package) for package in PACKAGES}
 
 
+@cache
 def _git_commit() -> str | None:
     """Commit of the checkout that this package runs from, None for an installed one."""
     here = Path(__file__).resolve().parent

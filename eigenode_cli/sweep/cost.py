@@ -2,8 +2,9 @@
 
 The model: a run takes a time for each step, a time for each record, and a fixed time (building, outcome, files). They
 are measured by training a kind of run for one step and for some more, into a folder that is thrown away, and by
-evaluating a few records. A worker besides has to start, and to compose and to load the kernels of each kind once. Steps
-get slower or faster while a network learns, and cores are shared: expect a factor of two, not a per cent.
+evaluating a few records; to a run of a sweep comes what Hydra does for each of its jobs. A worker besides has to start
+and to compose each kind once, and the command itself checks first and draws last. Steps get slower or faster while a
+network learns, and cores are shared: expect a factor of two, not a per cent.
 """
 
 import subprocess
@@ -12,20 +13,22 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 from hydra.types import RunMode
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli import run
-from eigenode_cli.config.compose import typed
+from eigenode_cli.config.compose import finalise, typed
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.config.schema import TrainConfig, TrainerConfig
 from eigenode_cli.config.sweep import Kind, settings_of
 from eigenode_cli.console import duration
 from eigenode_cli.errors import UserError
 from eigenode_cli.field import flat_parameters
+from eigenode_cli.sweep.launch import launcher_of
+from eigenode_cli.sweep.plan import quoted
 from eigenode_cli.sweep.state import recorded
 
 MOST = 4
@@ -33,7 +36,7 @@ MOST = 4
 FEW, MANY = 20, 200
 """Steps of the two tries; the longer one only where the shorter took less than `LONG`."""
 LONG = 0.05
-RECORDS = 5
+RECORDS, JOBS = 5, 6
 BLOCK = 4096
 """Bytes by which a file takes room."""
 
@@ -45,14 +48,12 @@ class Cost:
     Attributes:
         step: seconds of a step.
         rest: seconds of everything else in a run.
-        load: seconds of loading the kernels, once in a process.
         steps: number of them.
         disk: bytes that a run takes.
     """
 
     step: float
     rest: float
-    load: float
     steps: int
     disk: int
 
@@ -73,39 +74,55 @@ def measure(kind: Kind, drawn: bool) -> Cost:
     steps, records = config.trainer.steps, _every(config.trainer.record_every, config.trainer.steps)
     with tempfile.TemporaryDirectory(prefix="eigenode-dry-run-") as folder:
         place = Path(folder)
-        first, _ = _try(config, 1, place / "first")
+        _try(config, 1, place / "first")  # compiles or loads the kernels
         one, _ = _try(config, 1, place / "one")
         tried, (_, training) = FEW, _try(config, FEW, place / "few")
         if training < LONG:
             tried, (_, training) = MANY, _try(config, MANY, place / "many")
         disk = _disk(place / "one", config.trainer, steps) + _blocks(len(OmegaConf.to_yaml(kind[0])))
     rest = one + (records - 2) * _record_seconds(config)  # a run of one step has two records
-    return Cost(training / tried, rest, max(0.0, first - one), steps, disk)
+    return Cost(training / tried, rest, steps, disk)
 
 
-def expected_seconds(costs: Sequence[Cost], counts: Sequence[int], workers: int, compose: float, start: float) -> float:
+@dataclass(frozen=True)
+class Around:
+    """Seconds of what a sweep takes besides its runs.
+
+    Attributes:
+        command: checking, starting a worker, drawing the summary.
+        kind: composing one kind, once in each worker.
+        job: Hydra's work for one job.
+    """
+
+    command: float
+    kind: float
+    job: float
+
+
+def expected_seconds(costs: Sequence[Cost], counts: Sequence[int], workers: int, around: Around) -> float:
     """Time of the whole sweep in s.
 
     Args:
         costs: of the kinds that were measured.
         counts: number of runs of every kind, the measured ones first.
         workers: runs at once.
-        compose: seconds of composing one kind.
-        start: seconds of starting a worker.
+        around: the rest.
     """
-    seconds = [cost.seconds for cost in costs]
+    seconds = [around.job + cost.seconds for cost in costs]
     seconds += [float(np.mean(seconds))] * (len(counts) - len(seconds))
     work = sum(count * each for count, each in zip(counts, seconds, strict=True))
-    each_worker = start + len(counts) * (compose + float(np.mean([cost.load for cost in costs])))
-    return each_worker + max(work / workers, *seconds)
+    return around.command + around.kind * len(counts) + max(work / workers, *seconds)
 
 
 def show_cost(composer: Composer, kinds: Sequence[Kind], workers: int, drawn: bool) -> None:
     """Print how many runs there are, the time they are expected to take and the disk."""
+    checking = process_time()
     order = np.unique(np.linspace(0, len(kinds) - 1, min(MOST, len(kinds))).round().astype(int)).tolist()
     costs = [measure(kinds[index], drawn) for index in order]
     counts = [kinds[i][1] for i in [*order, *(i for i in range(len(kinds)) if i not in order)]]
-    seconds = expected_seconds(costs, counts, workers, _compose_seconds(composer), _start_seconds())
+    command = checking + _seconds(sys.executable, "-c", "import eigenode_cli.sweep.figure") + _start_seconds()
+    around = Around(command, _compose_seconds(composer), _job_seconds(composer))
+    seconds = expected_seconds(costs, counts, workers, around)
     runs = sum(counts)
     disks = [cost.disk for cost in costs]
     disk = sum(count * size for count, size in zip(counts, disks, strict=False))
@@ -176,6 +193,31 @@ def _compose_seconds(composer: Composer) -> float:
 
 
 def _start_seconds() -> float:
+    """Time of starting a worker: that of a run which hardly trains, as a command."""
+    with tempfile.TemporaryDirectory(prefix="eigenode-dry-run-") as folder:
+        short = ("trainer.steps=1", "trainer.figures=false", quoted("hydra.run.dir", folder))
+        return _seconds(sys.executable, "-m", "eigenode_cli", "train", *short)
+
+
+def _seconds(*command: str) -> float:
     clock = perf_counter()
-    subprocess.run([sys.executable, "-c", "import eigenode_cli.run"], check=True)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return perf_counter() - clock
+
+
+def _job_seconds(composer: Composer) -> float:
+    """Time that a job takes without its run: its configuration, made from one of another seed, and its files."""
+    with tempfile.TemporaryDirectory(prefix="eigenode-dry-run-") as folder:
+        launcher, _ = launcher_of(composer, ["hydra/launcher=basic", quoted("hydra.sweep.dir", folder)], _idle, JOBS)
+        seconds = []
+        for seed in range(JOBS):
+            clock = perf_counter()
+            launcher.launch([[f"seed={seed}"]], initial_job_idx=seed)
+            seconds.append(perf_counter() - clock)
+    return float(np.median(seconds[1:]))
+
+
+def _idle(config: DictConfig) -> int:
+    """The work of a job up to its run."""
+    typed(finalise(config))
+    return 0

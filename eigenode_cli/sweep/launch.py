@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from hydra._internal.callbacks import Callbacks
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
-from hydra.types import HydraContext, RunMode
+from hydra.plugins.launcher import Launcher
+from hydra.types import HydraContext, RunMode, TaskFunction
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
@@ -24,6 +25,10 @@ EXTRAS = {
     "ray": ("ray", "hydra_plugins.hydra_ray_launcher"),
 }
 """Extra and module of the launchers that do not come with a plain installation."""
+
+
+SHARES, MOST_TOGETHER = 20, 8
+"""In how many portions a joblib worker gets its jobs at least, and how many it gets at once at most."""
 
 
 def cores() -> int:
@@ -57,17 +62,38 @@ def launch(sweep: Sweep, pending: Sequence[Job], composer: Composer, words: Sequ
         UserError: the launcher refuses its settings.
     """
     own = [*words, quoted("hydra.sweep.dir", str(sweep.folder.resolve()))]
-    try:
-        loader = SweepLoader(composer.loader.get_search_path())
-        config = loader.load_configuration(composer.config_name, own, RunMode.MULTIRUN)
-        context = HydraContext(config_loader=loader, callbacks=Callbacks(config))
-        launcher = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=work, config=config)
-    except (HydraException, OmegaConfBaseException) as error:
-        raise UserError(explain(error)) from error
+    launcher, config = launcher_of(composer, own, work, len(pending))
     jobs = [[*job.overrides, quoted("hydra.sweep.subdir", job.name)] for job in pending]
     size = _batch(config, len(jobs))
     for start in range(0, len(jobs), size):
         launcher.launch(jobs[start : start + size], initial_job_idx=start)
+
+
+def launcher_of(composer: Composer, words: Sequence[str], task: TaskFunction, jobs: int) -> tuple[Launcher, DictConfig]:
+    """The launcher of Hydra's that `words` name, which runs `task` for each of so many jobs, and its configuration.
+
+    Raises:
+        UserError: it refuses its settings.
+    """
+    try:
+        loader = SweepLoader(composer.loader.get_search_path())
+        config = loader.load_configuration(composer.config_name, list(words), RunMode.MULTIRUN)
+        _send_together(config, jobs)
+        context = HydraContext(config_loader=loader, callbacks=Callbacks(config))
+        launcher = Plugins.instance().instantiate_launcher(hydra_context=context, task_function=task, config=config)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise UserError(explain(error)) from error
+    return launcher, config
+
+
+def _send_together(config: DictConfig, jobs: int) -> None:
+    """Let joblib send several jobs at once where there are many: what Hydra sends along takes as long as 100 steps.
+
+    Workers end at different times by at most as many runs, some per cent of all.
+    """
+    if "batch_size" in config.hydra.launcher and config.hydra.launcher.batch_size == "auto":
+        share = jobs // (SHARES * workers(config, jobs))
+        config.hydra.launcher.batch_size = str(min(MOST_TOGETHER, max(1, share)))
 
 
 def workers(config: DictConfig, jobs: int) -> int:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from eigenode_cli.sweep.cost import Cost, expected_seconds
+from eigenode_cli.sweep.cost import Around, Cost, expected_seconds
 from tests.sweep.helpers import BASIC, SHORT, inside
 
 WORDS = ("-m", *SHORT, "grads=sol,sol+frq", "seed=range(3)", "trainer.steps=900", "trainer.checkpoint_every=100")
@@ -36,9 +36,10 @@ def test_a_dry_run_that_fails_says_why(tmp_path: Path) -> None:
 
 
 def test_the_model() -> None:
-    cost = Cost(step=0.01, rest=1.0, load=2.0, steps=100, disk=0)
+    cost = Cost(step=0.01, rest=1.0, steps=100, disk=0)
     assert cost.seconds == 2.0
-    assert expected_seconds([cost], [10], workers=1, compose=0.5, start=3.0) == 3.0 + 2.5 + 20.0
-    assert expected_seconds([cost], [10], workers=2, compose=0.5, start=3.0) == 3.0 + 2.5 + 10.0
-    assert expected_seconds([cost], [1], workers=4, compose=0.5, start=3.0) == 3.0 + 2.5 + 2.0
-    assert expected_seconds([cost], [1, 1], workers=1, compose=0.5, start=3.0) == 3.0 + 5.0 + 4.0
+    around = Around(command=3.0, kind=0.5, job=0.25)
+    assert expected_seconds([cost], [10], 1, around) == 3.0 + 0.5 + 22.5
+    assert expected_seconds([cost], [10], 2, around) == 3.0 + 0.5 + 11.25
+    assert expected_seconds([cost], [1], 4, around) == 3.0 + 0.5 + 2.25
+    assert expected_seconds([cost], [1, 1], 1, around) == 3.0 + 1.0 + 4.5
