@@ -16,7 +16,7 @@ from eigenode_cli.learner import Rule, build_rule, learn
 from eigenode_cli.objective import Objective
 from eigenode_cli.optimizer import AdamBfgs, Optimizer
 from eigenode_cli.recorder import Progress, Recorder
-from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.status import SOLVED, Status
 
 SAVE_SECONDS = 5.0
 """Longest time that a kill can cost: what resume needs is also saved this often between the checkpoints."""
@@ -126,6 +126,9 @@ class Trainer:
         taken = engine.advance(self.theta, self._rules[number], rates, config.on_unsolvable == "stop")
         self.progress.train_seconds += perf_counter() - engine.compile_seconds - start
         self.progress.guard_count += taken.guard_count
+        if self.progress.unsolvable_since is None and SOLVED.issuperset(taken.statuses.tolist()):
+            self.progress.step += taken.statuses.size  # nothing to say of any step: the loop below holds the GIL
+            return
         for status, values in zip(taken.statuses.tolist(), taken.values, strict=True):
             self._note_status(Status(status), values)
             self.progress.step += 1
@@ -161,7 +164,7 @@ class Trainer:
     def _note_status(self, status: Status, values: Floats) -> None:
         """Count failed solves, and say when they begin and when the field is solvable again."""
         progress, step = self.progress, self.progress.step
-        if status in (Status.OK, Status.UNSOLVED):
+        if status in SOLVED:
             if progress.unsolvable_since is not None:
                 self.display.say(
                     f"step {step}: solvable again after {step - progress.unsolvable_since} steps of stabilisation"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenode_cli.learner import Rule, learn
-from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.status import SOLVED, Status
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -121,6 +121,6 @@ class Engine(Protocol):
 def single_step(engine: Engine, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
     """`Engine.advance` by one step, for engines that need Python in each."""
     jacobian = engine.loss_jacobian(theta)
-    if jacobian.status in (Status.OK, Status.UNSOLVED) or not halt:
+    if jacobian.status in SOLVED or not halt:
         learn(rule, theta, jacobian.gradients, rates[0])
     return Advance(jacobian.values[None], np.array([jacobian.status]), jacobian.guard_count)

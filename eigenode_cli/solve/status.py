@@ -20,3 +20,7 @@ class Status(IntEnum):
     def label(self) -> str:
         """The name as it stands in `metrics.csv`: ok, underflow, max_steps, non_finite, unsolved."""
         return self.name.lower()
+
+
+SOLVED = frozenset((Status.OK, Status.UNSOLVED))
+"""What is no failure."""

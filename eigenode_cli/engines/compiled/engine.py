@@ -21,6 +21,7 @@ from eigenode_cli.engines.base import (
     single_step,
 )
 from eigenode_cli.engines.compiled import kernel
+from eigenode_cli.engines.compiled.apart import compile_apart
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, Method
 from eigenode_cli.engines.compiled.mlp import MlpShape
@@ -288,17 +289,22 @@ class CompiledEngine:
 
     def _ready(self, *names: str) -> None:
         """Compile or load the kernels of these names before their first call, and take the time."""
-        for name in names:
-            if name not in self._loaded:
-                self._load_kernel(name)
-                self._loaded.add(name)
+        fresh = [name for name in names if name not in self._loaded]
+        if not fresh:
+            return
+        signatures = {name: self._signature(name) for name in fresh}
+        missing = {name: signature for name, signature in signatures.items() if not _is_compiled(name)}
+        start = time.perf_counter()
+        if missing:
+            self._announce("compiling the engine, once for this version (about a minute)")
+            compile_apart(missing)
+        for name, signature in signatures.items():
+            getattr(kernel, name).compile(signature)
+        self._loaded.update(fresh)
+        self.compile_seconds += time.perf_counter() - start
 
-    def _load_kernel(self, name: str) -> None:
-        dispatcher: Any = getattr(kernel, name)
-        cache = Path(config.CACHE_DIR)  # pyright: ignore[reportAttributeAccessIssue]  # set by name
-        if not dispatcher.signatures and not any(cache.rglob(f"kernel.{name}-*.nbi")):
-            self._announce("compiling the engine, once for this version (half a minute)")
-            self._announce = _silent  # the kernels that follow are parts of it
+    def _signature(self, name: str) -> tuple[Any, ...]:
+        """Types of the arguments of a kernel."""
         states, spectra = self._outputs()
         values, gradients = np.empty(1), np.empty((1, 1))
         solve = (self._core, self._room.steps, NO_STEPS)
@@ -311,9 +317,13 @@ class CompiledEngine:
             "pull_back": (*solve[:2], self._codes, True, values, gradients),
             "solve": (*solve, values, states),
         }
-        start = time.perf_counter()
-        dispatcher.compile(tuple(numba.typeof(argument) for argument in arguments[name]))
-        self.compile_seconds += time.perf_counter() - start
+        return tuple(numba.typeof(argument) for argument in arguments[name])
+
+
+def _is_compiled(name: str) -> bool:
+    """Whether the kernel of this name is loaded, or lies in the cache."""
+    cache = Path(config.CACHE_DIR)  # pyright: ignore[reportAttributeAccessIssue]  # set by name
+    return bool(getattr(kernel, name).signatures) or any(cache.rglob(f"kernel.{name}-*.nbi"))
 
 
 def _solver(owner: Owner, solver: SolverConfig) -> tuple[Method, float]:

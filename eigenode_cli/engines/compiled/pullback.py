@@ -195,13 +195,13 @@ def forward_sensitivities(net, method, steps, bars, channels, outputs):
     for step in range(output_step[final] + 1):
         while output < final and output_step[output + 1] <= step:
             output += 1
-        _gather_outputs(net, method, steps, bars, channels, step, output)
+        inside = _gather_outputs(net, method, steps, bars, channels, step, output) != output
         for j in range(1, stages):
             h = doubles(steps.size, 0)[step]
             combine(length, j, state, h, doubles(method.a, j * stages), k, stage)
             record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
             _push_field(net, record, bars, stage, shift(k, j * length))
-        for c in range(channels):
+        for c in range(channels if inside else 0):
             gradient = doubles(bars.packed, c * net.size)
             add_rows(n, net.size, net.size, doubles(bars.start, c * n), 1, state, gradient)
             for i in range(n):
