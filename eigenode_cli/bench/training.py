@@ -162,9 +162,10 @@ def step_over_floor(trained: Trained) -> Ratio:
         return compare(_Standing(trained, BLOCK, Path(folder)), solves)
 
 
-def six_over_one(case: Case, term: str) -> Ratio:
-    """The loss Jacobian of all six terms over that of one, at the same weights."""
-    six, one = (CompiledEngine(case.shape, case.with_terms(terms).problem) for terms in (NAMES, (term,)))
+def six_over_one(case: Case, term: str, sensitivity: str) -> Ratio:
+    """The loss Jacobian of all six terms over that of one, at the same weights and by the same way."""
+    problems = [case.with_terms(terms).problem for terms in (NAMES, (term,))]
+    six, one = (CompiledEngine(case.shape, problem, sensitivity=sensitivity) for problem in problems)
     return compare(partial(six.loss_jacobian, case.theta), partial(one.loss_jacobian, case.theta))
 
 

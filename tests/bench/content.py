@@ -35,7 +35,7 @@ def made(diffrax: float = 8.0, agrees: bool = True) -> dict[str, Any]:
         "train_seconds": 1.0,
         "step_over_floor": ratio(2.0),
         "two_threads": ratio(1.9),
-        "six_over_one": {"sol": ratio(1.5), "frq": ratio(1.05)},
+        "six_over_one": {"adjoint": {"sol": ratio(1.5), "frq": ratio(1.05)}},
         "gradient_over_step": ratio(1200.0),
     }
     curve = {

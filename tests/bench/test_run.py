@@ -41,7 +41,7 @@ def test_goals_say_whether_bounds_hold() -> None:
     assert not mean["holds"]
     floor = rows["vdp: whole training step over bare solve"]
     assert (floor["bound"], floor["holds"], floor["aim_holds"]) == ("at most", True, True)
-    assert not rows["vdp: six terms over sol alone"]["holds"]
+    assert not rows["vdp: six terms over sol alone, adjoint"]["holds"]
     assert not rows["growth, states, sol, 21 spectra: smallest ratio of diffrax"]["holds"]
 
 
