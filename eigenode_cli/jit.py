@@ -26,7 +26,7 @@ def _source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_folder() -> Path:
+def _chosen_folder() -> Path:
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     folder = Path(base) / "eigenode" / _source_hash()
     try:
@@ -38,8 +38,13 @@ def _cache_folder() -> Path:
     return folder
 
 
+def cache_folder() -> Path:
+    """Where the machine code is kept."""
+    return Path(config.CACHE_DIR)  # pyright: ignore[reportAttributeAccessIssue]  # Numba sets it by name
+
+
 if not os.environ.get("NUMBA_CACHE_DIR"):
-    config.CACHE_DIR = str(_cache_folder())  # pyright: ignore[reportAttributeAccessIssue]  # set by name
+    config.CACHE_DIR = str(_chosen_folder())  # pyright: ignore[reportAttributeAccessIssue]
 
 njit = numba.njit(cache=True, nogil=True, error_model="numpy")
 """Decorator of every kernel: cached on disk, GIL released, IEEE division. No fastmath: NaN must be seen."""

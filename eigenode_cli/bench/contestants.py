@@ -13,9 +13,8 @@ from eigenode_cli.data import Floats
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.kernel import solve
-from eigenode_cli.engines.compiled.mlp import MlpShape, mirror_weights
+from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.torch_engine import TorchEngine
-from eigenode_cli.jit import njit
 from eigenode_cli.solve.tableau import TABLEAUS
 
 
@@ -123,13 +122,6 @@ PEERS: dict[str, Contestant] = {
 """Everybody else by name."""
 
 
-@njit
-def _solve(core, steps, given, times, states):
-    """`kernel.solve` at the parameters that stand at `core.net.theta` now."""
-    mirror_weights(core.net)
-    return solve(core, steps, given, times, states)
-
-
 class BareSolve:
     """Our own solver alone with the C library's scalar tanh, nothing recorded: the floor of any training step."""
 
@@ -146,4 +138,4 @@ class BareSolve:
 
     def __call__(self) -> int:
         """Solve into `states (N, n)`; returns the status."""
-        return _solve(self._core, self._room.steps, self._free, self._times, self.states)
+        return solve(self._core, self._room.steps, self._free, self._times, self.states)

@@ -48,18 +48,12 @@ def spectral_terms(
     Returns:
         The number of spectra that counted.
     """
-    times, n = spectra.shape
     values[:] = 0.0
     slopes[:] = 0.0
     counted = 0
-    for t in range(times):
+    for t in range(spectra.shape[0]):
         spectrum = spectra[t]
-        finite = True
-        for i in range(n):
-            # a difference with itself is zero but for NaN and infinity
-            real, imag = spectrum[i].real, spectrum[i].imag
-            finite &= real - real == 0.0 and imag - imag == 0.0
-        if not finite:
+        if not _is_finite(spectrum):
             continue
         counted += 1
         find_partners(spectrum, partner)
@@ -80,3 +74,12 @@ def spectral_terms(
         values /= counted
         slopes /= counted
     return counted
+
+
+@njit
+def _is_finite(spectrum):
+    finite = True
+    for value in spectrum:
+        # a difference with itself is zero but for NaN and infinity
+        finite &= value.real - value.real == 0.0 and value.imag - value.imag == 0.0
+    return finite

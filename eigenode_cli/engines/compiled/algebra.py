@@ -125,3 +125,12 @@ def all_finite(size, x):
     for i in range(size):
         finite &= x[i] - x[i] == 0.0  # but for NaN and infinity
     return finite
+
+
+@njit_inner
+def any_nonzero(size, x):
+    """Whether any element is not zero."""
+    for i in range(size):  # noqa: SIM110  # Numba knows no any() of a generator
+        if x[i] != 0.0:
+            return True
+    return False

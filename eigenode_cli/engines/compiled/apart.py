@@ -7,18 +7,16 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from numba.core import config
-
 from eigenode_cli.engines.compiled import kernel
+from eigenode_cli.jit import cache_folder
 
 
 def compile_apart(signatures: Mapping[str, tuple[Any, ...]]) -> None:
     """Compile kernels, by name, for these argument types; where that fails, they are left to be compiled here."""
-    cache = str(config.CACHE_DIR)  # pyright: ignore[reportAttributeAccessIssue]  # set by name
     subprocess.run(
         [sys.executable, "-m", "eigenode_cli.engines.compiled.apart"],
         input=pickle.dumps(dict(signatures)),
-        env=os.environ | {"NUMBA_CACHE_DIR": cache},
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache_folder())},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         check=False,

@@ -2,12 +2,12 @@
 
 import math
 
-from eigenode_cli.engines.compiled.algebra import all_finite, clear
+from eigenode_cli.engines.compiled.algebra import all_finite, any_nonzero, clear
 from eigenode_cli.engines.compiled.core import GUARDED, SPECTRA, STATUS
 from eigenode_cli.engines.compiled.integrate import OK
 from eigenode_cli.engines.compiled.jacobian import evaluate_block, jacobian_block, pull_back_block, push_tangents
-from eigenode_cli.engines.compiled.memory import complexes, doubles, integers, shift
-from eigenode_cli.engines.compiled.spectrum import pull_back_spectrum, take_spectrum
+from eigenode_cli.engines.compiled.memory import doubles, integers, shift
+from eigenode_cli.engines.compiled.spectrum import pull_back_closed_forms, pull_back_spectrum, take_spectrum
 from eigenode_cli.jit import njit_inner
 
 
@@ -79,7 +79,7 @@ def pull_back_spectra(core, terms, channels, number):
     bar_x, spectra = doubles(work.bar_x, 0), integers(work.outcome, 0)[SPECTRA]
     for term in range(terms):
         row = side * setup.rows + first
-        slopes = complexes(work.slopes, (term * spectra + row) * n)
+        slopes = doubles(work.slopes, 2 * (term * spectra + row) * n)
         if channel[term] < 0 or not _load_cotangents(core, row, count, slopes):
             continue
         if pushed[0] != number:
@@ -99,11 +99,15 @@ def pull_back_spectra(core, terms, channels, number):
 def _load_cotangents(core, row, count, slopes):
     """Fill `work.rows` with the cotangents of the Jacobians from number `row` on; returns whether any is not zero."""
     columns, m, n = core.work.columns, core.net.m, core.net.n
-    rows, bar, active = doubles(core.work.rows, 0), doubles(core.work.bar, 0), False
+    rows, bar = doubles(core.work.rows, 0), doubles(core.work.bar, 0)
+    if not any_nonzero(2 * n * count, slopes):
+        return False
     clear(m * n * columns, rows)
+    if n == 2:
+        pull_back_closed_forms(core.eigen, row, count, m, slopes, columns, rows)
+        return True
     for c in range(count):
-        if pull_back_spectrum(core.eigen, row + c, m, shift(slopes, c * n), bar):
-            active = True
-            for i in range(m * n):
-                rows[i * columns + c] = bar[i]
-    return active
+        pull_back_spectrum(core.eigen, row + c, m, shift(slopes, 2 * c * n), bar)
+        for i in range(m * n):
+            rows[i * columns + c] = bar[i]
+    return True

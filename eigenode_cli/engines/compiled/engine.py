@@ -3,12 +3,10 @@
 import math
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
-from numba.core import config
 
 from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, SolverConfig
 from eigenode_cli.engines.base import (
@@ -25,6 +23,7 @@ from eigenode_cli.engines.compiled.apart import compile_apart
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, Method
 from eigenode_cli.engines.compiled.mlp import MlpShape
+from eigenode_cli.jit import cache_folder
 from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
 from eigenode_cli.solve.status import Status
@@ -186,15 +185,10 @@ class CompiledEngine:
         which may go beyond them, are those of a solve of their own from the same initial state.
         """
         self._load(theta)
-        self._ready(*(() if self._own else ("advance",)), "forward", "solve")  # first what calls the others
+        self._ready(*(("forward", "pull_back") if self._own else ("advance",)), "evaluate")
         values = np.empty(len(NAMES))
         states, spectra = self._outputs()
-        while (
-            status := kernel.forward(
-                self._core, self._room.steps, self._given, EVERY_TERM, False, values, states, spectra
-            )
-        ) == FULL:
-            self._grow()
+        status, dense = self._evaluate(np.asarray(times, dtype=np.float64), values, states, spectra)
         own = [
             term.function(self._shared.theta, states, spectra)[0] if self._defined(term, status) else math.nan
             for term in self._user_terms.values()
@@ -206,8 +200,42 @@ class CompiledEngine:
             status=Status(status),
             n_accepted=int(self._shared.outcome[kernel.ACCEPTED]),
             n_rejected=int(self._shared.outcome[kernel.REJECTED]),
-            dense=self._solve(np.asarray(times, dtype=np.float64)),
+            dense=dense,
         )
+
+    def _evaluate(self, times: Floats, values: Floats, states: Floats, spectra: Complexes) -> tuple[int, Floats]:
+        """Fill the results of a solve over the data times; returns how it ended, and the states `(D, n)` at `times`."""
+        outputs = np.concatenate([self._times[:1], times])
+        given, dense = self._given_steps(outputs), np.empty((outputs.size, self._core.net.n))
+        while True:
+            room = self._room_of(outputs.size, given.size)
+            status, ending = kernel.evaluate(
+                self._core,
+                self._room.steps,
+                self._given,
+                EVERY_TERM,
+                values,
+                states,
+                spectra,
+                room.steps,
+                given,
+                outputs,
+                dense,
+            )
+            if status == FULL:
+                self._grow()
+            elif ending == FULL:
+                self._dense_room = self._make_dense_room(2 * room.steps.capacity, outputs.size)
+            else:
+                return status, dense[1:]
+
+    def _room_of(self, outputs: int, given: int) -> Room:
+        """Room for a solve with so many outputs and given steps; the last one is kept."""
+        room = self._dense_room
+        if room is None or room.outputs != outputs or room.steps.capacity < given:
+            room = self._make_dense_room(given or FIRST_CAPACITY, outputs)
+        self._dense_room = room
+        return room
 
     def _run_fused(self, given: Floats, values: Floats, gradients: Floats, states: Floats, spectra: Complexes) -> int:
         return kernel.loss_jacobian(
@@ -245,18 +273,6 @@ class CompiledEngine:
     def _defined(self, term: ArrayTerm, status: int) -> bool:
         """Whether a user's term has a value after a solve that ended like this."""
         return status == OK or (bool(self._core.setup.stabilise) and not term.needs_solve)
-
-    def _solve(self, times: Floats) -> Floats:
-        """States `(D, n)` at `times`, from the initial state at the first data time."""
-        outputs = np.concatenate([self._times[:1], times])
-        states = np.empty((outputs.size, self._core.net.n))
-        given, room = self._given_steps(outputs), self._dense_room
-        if room is None or room.outputs != outputs.size or room.steps.capacity < given.size:
-            room = self._make_dense_room(given.size or FIRST_CAPACITY, outputs.size)
-        while kernel.solve(self._core, room.steps, given, outputs, states) == FULL:
-            room = self._make_dense_room(2 * room.steps.capacity, outputs.size)
-        self._dense_room = room
-        return states[1:]
 
     def _make_dense_room(self, capacity: int, outputs: int) -> Room:
         return Room(self._core.net, self._method, capacity, outputs, recorded=False)
@@ -315,15 +331,14 @@ class CompiledEngine:
             "loss_jacobian": (*solve, *ways, values, *results),
             "forward": (*solve, self._codes, True, values, states, spectra),
             "pull_back": (*solve[:2], self._codes, True, values, gradients),
-            "solve": (*solve, values, states),
+            "evaluate": (*solve, self._codes, values, states, spectra, self._room.steps, NO_STEPS, values, states),
         }
         return tuple(numba.typeof(argument) for argument in arguments[name])
 
 
 def _is_compiled(name: str) -> bool:
     """Whether the kernel of this name is loaded, or lies in the cache."""
-    cache = Path(config.CACHE_DIR)  # pyright: ignore[reportAttributeAccessIssue]  # set by name
-    return bool(getattr(kernel, name).signatures) or any(cache.rglob(f"kernel.{name}-*.nbi"))
+    return bool(getattr(kernel, name).signatures) or any(cache_folder().rglob(f"kernel.{name}-*.nbi"))
 
 
 def _solver(owner: Owner, solver: SolverConfig) -> tuple[Method, float]:

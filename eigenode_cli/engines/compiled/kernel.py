@@ -10,7 +10,7 @@ import math
 
 from numba import carray  # pyright: ignore[reportPrivateImportUsage]  # documented under this name
 
-from eigenode_cli.engines.compiled.algebra import clear, copy
+from eigenode_cli.engines.compiled.algebra import any_nonzero, clear, copy
 from eigenode_cli.engines.compiled.blocks import pull_back_spectra, take_block
 from eigenode_cli.engines.compiled.core import ACCEPTED, GUARDED, REACHED, REJECTED, SPECTRA, STATUS
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, integrate
@@ -113,6 +113,17 @@ def solve(core, steps, given, times, states):
     )[0]
 
 
+@njit
+def evaluate(core, steps, given, codes, values, states, spectra, dense_steps, dense_given, times, dense):
+    """`forward` without what a pullback needs, and `solve` at other times: a record of the training in one call.
+
+    Returns:
+        How the two ended.
+    """
+    status = forward(core, steps, given, codes, False, values, states, spectra)
+    return status, solve(core, dense_steps, dense_given, times, dense)
+
+
 @njit_inner
 def _evaluate_terms(core, codes, values, states):
     """Values of the named terms; their slopes go to `work.slopes` and `work.solution_slope`."""
@@ -191,9 +202,9 @@ def _open_channels(core, codes, values):
     net, setup, work, bars = core.net, core.setup, core.work, core.bars
     channel, count, channels = integers(work.channel, 0), integers(work.outcome, 0)[SPECTRA], 0
     for term in range(codes.size):
-        along = codes[term] <= SOL and _any(setup.outputs * net.n, _trajectory_slope(core, codes[term]))
+        along = codes[term] <= SOL and any_nonzero(setup.outputs * net.n, _trajectory_slope(core, codes[term]))
         slopes = doubles(work.slopes, 2 * term * count * net.n)
-        opened = not math.isnan(values[term]) and (along or _any(2 * count * net.n, slopes))
+        opened = not math.isnan(values[term]) and (along or any_nonzero(2 * count * net.n, slopes))
         channel[term] = channels if opened else -1
         channels += int(opened)
     clear(channels * net.size, doubles(bars.packed, 0))
@@ -212,15 +223,6 @@ def _trajectory_slope(core, code):
     if code == SOL:
         return doubles(core.work.solution_slope, 0)
     return doubles(core.work.user_slopes, (-1 - code) * core.setup.outputs * core.net.n)
-
-
-@njit_inner
-def _any(size, x):
-    """Whether any element is not zero."""
-    for i in range(size):  # noqa: SIM110  # Numba knows no any() of a generator
-        if x[i] != 0.0:
-            return True
-    return False
 
 
 @njit

@@ -163,29 +163,42 @@ def _unpack_vectors(eigen, at, i):
 def pull_back_spectrum(eigen, at, m, slope, bar_a):
     """Fill `bar_a (m, n)`, cotangent of the last m rows of matrix `at`, with `sum_i Re(conj(slope_i) d lambda_i/dA)`.
 
-    `slope (n,)` is `dl/dRe + i dl/dIm` of each eigenvalue. Returns whether any is not zero.
+    `slope (n, 2)` is `dl/dRe, dl/dIm` of each eigenvalue.
     """
-    n, active = eigen.n, False
+    n = eigen.n
+    if n == 2:
+        pull_back_closed_forms(eigen, at, 1, m, slope, 1, bar_a)
+        return
     clear(m * n, bar_a)
     for i in range(n):
-        if slope[i].real != 0.0 or slope[i].imag != 0.0:
-            active = True
-            if n == 2:
-                _add_closed_form(m, slope[i], complexes(eigen.slopes, 8 * at + 4 * i + 4 - 2 * m), bar_a)
-                continue
-            start = (at * n + i) * n
-            left = complexes(eigen.left, start + n - m)
-            for r in range(m):
-                factor = slope[i].conjugate() * left[r]
-                right_real, right_imag = doubles(eigen.right_real, start), doubles(eigen.right_imag, start)
-                _add_real_part(n, factor.real, factor.imag, right_real, right_imag, shift(bar_a, r * n))
-    return active
+        along_real, along_imag = slope[2 * i], slope[2 * i + 1]
+        if along_real == 0.0 and along_imag == 0.0:
+            continue
+        start = (at * n + i) * n
+        left = complexes(eigen.left, start + n - m)
+        right_real, right_imag = doubles(eigen.right_real, start), doubles(eigen.right_imag, start)
+        for r in range(m):
+            factor = complex(along_real, -along_imag) * left[r]
+            _add_real_part(n, factor.real, factor.imag, right_real, right_imag, shift(bar_a, r * n))
 
 
-@njit_inner
-def _add_closed_form(m, slope, derivative, bar_a):
-    for i in range(2 * m):
-        bar_a[i] += slope.real * derivative[i].real + slope.imag * derivative[i].imag
+@njit_sums
+def pull_back_closed_forms(eigen, at, count, m, slopes, columns, rows):
+    """The same of `count` matrices of two states from number `at` on, with `slopes (count, 2, 2)`.
+
+    Entry e of the cotangent of each one goes to its column of row e of `rows (2 m, columns)`. Where there is no slope
+    the derivatives count for nothing: they may be those of a matrix that is not finite.
+    """
+    for e in range(2 * m):
+        row = shift(rows, e * columns)
+        first = doubles(eigen.slopes, 16 * at + 2 * (4 - 2 * m + e))
+        second = shift(first, 8)
+        for c in range(count):
+            real_1, imag_1, real_2, imag_2 = slopes[4 * c], slopes[4 * c + 1], slopes[4 * c + 2], slopes[4 * c + 3]
+            front = real_1 * first[16 * c] + imag_1 * first[16 * c + 1]
+            back = real_2 * second[16 * c] + imag_2 * second[16 * c + 1]
+            none = real_1 == 0.0 and imag_1 == 0.0 and real_2 == 0.0 and imag_2 == 0.0
+            row[c] = 0.0 if none else front + back
 
 
 @njit_sums

@@ -19,7 +19,7 @@ def take(eigen, a, vectors, spectrum):
 
 @numba.njit
 def pull_back(eigen, slope, bar_a):
-    return pull_back_spectrum(eigen, 0, bar_a.shape[0], start_of(slope), start_of(bar_a))
+    pull_back_spectrum(eigen, 0, bar_a.shape[0], start_of(slope.view(np.float64)), start_of(bar_a))
 
 
 def spectrum_of(a, max_condition=1e12):
@@ -34,12 +34,12 @@ def spectrum_of(a, max_condition=1e12):
         for unit in (1.0, 1j):
             slope = np.zeros(n, dtype=np.complex128)
             slope[i] = unit
-            assert pull_back(eigen, slope, part)
+            pull_back(eigen, slope, part)
             if unit == 1.0:
                 slopes[i] = part
             else:
                 slopes[i] += 1j * part
-    assert not pull_back(eigen, np.zeros(n, dtype=np.complex128), part)
+    pull_back(eigen, np.zeros(n, dtype=np.complex128), part)
     assert not part.any()
     return spectrum, fired, slopes
 
