@@ -36,8 +36,8 @@ BLOCK = 500
 """Training steps that are timed together, with their records and one checkpoint."""
 GRADIENT_PAIRS = 11
 """Pairs of a peer's loss Jacobian and a block of training steps."""
-THREADED = 2000
-"""Training steps of each repetition that are timed on one and on two threads."""
+REPETITIONS = 4
+"""Runs that are timed on one and on two threads. Each lasts long enough that a core which was idle is awake again."""
 
 
 @dataclass(frozen=True)
@@ -170,9 +170,10 @@ def six_over_one(case: Case, term: str, sensitivity: str) -> Ratio:
 
 
 def two_threads(trained: Trained) -> Ratio:
-    """Throughput of two threads over that of one: two repetitions one after another over both side by side."""
-    with TemporaryDirectory() as first, TemporaryDirectory() as second, ThreadPoolExecutor(2) as pool:
-        repetitions = [_Standing(trained, THREADED, Path(folder)) for folder in (first, second)]
+    """Throughput of two threads over that of one: repetitions one after another over the same, two at a time."""
+    with TemporaryDirectory() as folder, ThreadPoolExecutor(2) as pool:
+        folders = [Path(folder) / str(number) for number in range(REPETITIONS)]
+        repetitions = [_Standing(trained, RUN_STEPS, place) for place in folders]
 
         def in_turn() -> None:
             for repetition in repetitions:
