@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import OdeSolution, solve_ivp
 
 from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Complexes
@@ -22,25 +22,24 @@ def reference_solution(system: System, initial_state: Floats, times: Floats) -> 
     Raises:
         ValueError: the system itself cannot be solved over these times.
     """
-    return _solved(system, tuple(initial_state.tolist()), times.tobytes()).copy()
+    return np.ascontiguousarray(_solved(system, tuple(initial_state.tolist()), float(times[-1]))(times).T)
 
 
 @lru_cache(maxsize=16)
-def _solved(system: System, initial_state: tuple[float, ...], grid: bytes) -> Floats:
-    """The solution; many seeds in one process ask for the same one, and it takes as long as hundreds of steps."""
-    times = np.frombuffer(grid)
+def _solved(system: System, initial_state: tuple[float, ...], end: float) -> OdeSolution:
+    """The solution from 0 to `end`, which a run asks for at several grids, and many seeds in one process again."""
     solution = solve_ivp(
         lambda _t, x: system.dynamics(x),
-        (0.0, float(times[-1])),
+        (0.0, end),
         initial_state,
         method="DOP853",
-        t_eval=times,
+        dense_output=True,
         rtol=TOLERANCE,
         atol=TOLERANCE,
     )
-    if not solution.success or solution.y.shape[1] != times.size:
-        raise ValueError(f"{system.title}: the reference solution stops before {times[-1]} s: {solution.message}")
-    return solution.y.T
+    if not solution.success or solution.sol is None:
+        raise ValueError(f"{system.title}: the reference solution stops before {end} s: {solution.message}")
+    return solution.sol
 
 
 def sample(system: System, initial_state: Floats, horizon: float, points: int, observed: list[str]) -> Data:

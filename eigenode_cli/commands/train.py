@@ -3,8 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -32,20 +31,14 @@ from eigenode_cli.terms import canonical, split_grads
 AUTO = "auto"
 """Value of `hydra.run.dir` and `hydra.sweep.dir` that asks for a folder under outputs/."""
 DRY_RUN = "--dry-run"
-INTERRUPTED = 130
-
-_statuses: list[int] = []
 
 
-@hydra.main(version_base=VERSION_BASE, config_path=str(CONFIG_DIR), config_name="train")
-def _job(config: DictConfig) -> None:
+def _job(config: DictConfig) -> int:
+    """The training that a job of Hydra's is; returns its exit status."""
     from eigenode_cli import run  # noqa: PLC0415  # torch, only once the command line is known to be right
 
     job = HydraConfig.get()
-    status = run.train(typed(finalise(config)), Path(job.runtime.output_dir), job.overrides.task)
-    _statuses.append(status)
-    if status == INTERRUPTED:
-        raise KeyboardInterrupt
+    return run.train(typed(finalise(config)), Path(job.runtime.output_dir), job.overrides.task)
 
 
 @dataclass(frozen=True)
@@ -83,7 +76,7 @@ def train(words: Sequence[str]) -> int:
             return _dry_run(args, composer, checked)
         if checked.jobs:
             return _sweep(args, composer, checked)
-        return _single(args.overrides, flags, checked.config)
+        return _single(args.overrides, composer, checked.config)
 
 
 def _parse(words: Sequence[str]) -> argparse.Namespace:
@@ -124,17 +117,23 @@ def _check(args: argparse.Namespace, composer: Composer) -> _Checked:
     return _Checked(config, jobs, [(config, config.repetitions)])
 
 
-def _single(words: Sequence[str], flags: Sequence[str], config: DictConfig) -> int:
+def _single(words: Sequence[str], composer: Composer, config: DictConfig) -> int:
     """Run one training in a folder of its own."""
     with hydra_values(config):
         grads = "+".join(canonical(split_grads(config.grads)))
         name = f"{config.system.name}_{grads}_seed{config.seed}"
         chosen = config.hydra.run.dir
-    if chosen != AUTO:
+    claimed = claim_folder(name) if chosen == AUTO else None
+    if claimed is None:
         _check_folder(chosen)
-        return _start([*words, *flags], None)
-    folder = claim_folder(name)
-    return _start([*words, f"hydra.run.dir={folder.as_posix()}", *flags], folder)
+    else:
+        words = [*words, f"hydra.run.dir={claimed.as_posix()}"]
+    try:
+        return composer.run(_job, words)
+    except (HydraException, OmegaConfBaseException) as error:
+        if claimed is not None and not any(claimed.iterdir()):  # an empty folder is not left behind
+            claimed.rmdir()
+        raise UserError(explain(error)) from error
 
 
 def _check_folder(folder: str) -> None:
@@ -178,42 +177,19 @@ def _dry_run(args: argparse.Namespace, composer: Composer, checked: _Checked) ->
     return 0
 
 
-def _start(words: Sequence[str], claimed: Path | None) -> int:
-    """Let Hydra start the run; an empty folder is not left behind."""
-    _statuses.clear()
-    try:
-        with _handed_over(words):
-            _job()
-    except (HydraException, OmegaConfBaseException) as error:
-        if claimed is not None and not any(claimed.iterdir()):
-            claimed.rmdir()
-        raise UserError(explain(error)) from error
-    except KeyboardInterrupt:
-        if INTERRUPTED not in _statuses:
-            raise
-    return max(_statuses, default=0)
-
-
 def _show(words: Sequence[str]) -> int:
     """Let Hydra print help, settings or completions."""
+    show = hydra.main(version_base=VERSION_BASE, config_path=str(CONFIG_DIR), config_name="train")(_job)
+    argv, full = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
+    sys.argv = ["eigenode" if "-sc" in words else "eigenode train", *words]
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions are raised, not printed
     try:
-        with _handed_over(words):
-            _job()
+        show()
     except (HydraException, OmegaConfBaseException, ValueError) as error:
         raise UserError(explain(error)) from error
     except SystemExit as done:
         return 0 if not done.code else 2
-    return 0
-
-
-@contextmanager
-def _handed_over(words: Sequence[str]) -> Iterator[None]:
-    """The process as Hydra expects it: its words in `sys.argv`, and exceptions raised instead of printed."""
-    argv, full = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
-    sys.argv = ["eigenode" if "-sc" in words else "eigenode train", *words]
-    os.environ["HYDRA_FULL_ERROR"] = "1"
-    try:
-        yield
     finally:
         sys.argv = argv
         restore_variable("HYDRA_FULL_ERROR", full)
+    return 0

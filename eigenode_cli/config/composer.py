@@ -10,10 +10,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import yaml
 from hydra import version
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.config_repository import IConfigRepository
+from hydra._internal.hydra import Hydra
 from hydra._internal.utils import create_config_search_path
 from hydra.core.config_search_path import SearchPathQuery
 from hydra.core.config_store import ConfigStore
@@ -21,7 +24,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.utils import setup_globals
 from hydra.errors import HydraException
-from hydra.types import RunMode
+from hydra.types import RunMode, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -67,19 +70,29 @@ class Composer:
         self.parser = OverridesParser.create(config_loader=self.loader)
         self._composed: dict[tuple[str, ...], DictConfig] = {}
         self._choices: dict[tuple[str, ...], list[str]] = {}
+        self._repositories: dict[tuple[str, ...], IConfigRepository] = {}
 
     def choices(self, group: str, words: Sequence[str] = ()) -> list[str]:
         """Names of the choices of a group, empty if there is no such group; `words` may add a `hydra.searchpath`."""
         key = (group, *words)
         if key not in self._choices:
-            found = self.loader.get_group_options(group, config_name=self.config_name, overrides=list(words))
-            self._choices[key] = found
+            self._choices[key] = self._repository(tuple(words)).get_group_options(group)
         return self._choices[key]
 
+    def _repository(self, words: tuple[str, ...]) -> IConfigRepository:
+        """All configs there are to choose from; Hydra itself looks for them again at every question."""
+        if words not in self._repositories:
+            with _explained():
+                _, found = self.loader._parse_overrides_and_create_caching_repo(self.config_name, list(words))
+            self._repositories[words] = found
+        return self._repositories[words]
+
     @cached_property
-    def defaults(self) -> dict[str, str]:
+    def defaults(self) -> dict[str, str | None]:
         """The choice of every group where the user makes none."""
-        return dict(self.composed(()).hydra.runtime.choices)
+        with _explained():
+            found = self.loader.compute_defaults_list(self.config_name, [], RunMode.RUN)
+        return dict(found.overrides.known_choices)
 
     @property
     def groups(self) -> list[str]:
@@ -93,16 +106,29 @@ class Composer:
             UserError: Hydra cannot compose it.
         """
         if words not in self._composed:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
-                try:
-                    config = self.loader.load_configuration(self.config_name, list(words), RunMode.RUN)
-                except (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError) as error:
-                    raise UserError(explain(error)) from error
-            if caught:
-                raise UserError([_one_line(str(warning.message)) for warning in caught])
-            self._composed[words] = config
+            with _explained():
+                self._composed[words] = self.loader.load_configuration(self.config_name, list(words), RunMode.RUN)
         return copy.deepcopy(self._composed[words])
+
+    def run(self, task: TaskFunction, words: Sequence[str]) -> Any:
+        """What `task` returns as one job of Hydra's, in the folder and with the configuration that the words give.
+
+        `hydra.main` does the same, but composes twice more, first to find out that this is no sweep.
+        """
+        return Hydra("train", self.loader).run(self.config_name, task, list(words)).return_value
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    """Whatever Hydra does not like, warnings included, as the user's mistake."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            yield
+        except (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError) as error:
+            raise UserError(explain(error)) from error
+    if caught:
+        raise UserError([_one_line(str(warning.message)) for warning in caught])
 
 
 def explain(error: BaseException) -> str:

@@ -114,7 +114,7 @@ def examine_overrides(composer: Composer, overrides: Sequence[Override]) -> Exam
                 values.append(override)
         config = composer.composed(tuple(ground))
     except UserError as error:
-        return Examined(None, [*faults, *error.faults])
+        return Examined(None, [*faults, *(_absent_groups(composer, overrides, paths) or error.faults)])
     with hydra_values(config):
         faults += [fault for override in values if (fault := _apply(config, override))]
     return _examine_config(config, values, faults)
@@ -144,12 +144,24 @@ def _choice_fault(composer: Composer, override: Override, paths: list[str]) -> s
         return f"{line}: every run needs one; choose {group}=..."
     if value not in options:
         return f"{line}: {unknown(group, str(value), options)}"
-    chosen = group in composer.defaults
-    if chosen and override.type is not OverrideType.CHANGE:
+    if override.type is not OverrideType.CHANGE and group in composer.defaults:
         return f"{line}: there is one chosen already; write {group}={value}"
-    if not chosen and override.type is not OverrideType.ADD:
-        return f"{line}: no group of the defaults; write +{group}={value}"
     return None
+
+
+def _absent_groups(composer: Composer, overrides: Sequence[Override], paths: list[str]) -> list[str]:
+    """A fault for each group of the user's own that no default chooses from, and that is chosen without a plus."""
+    try:
+        absent = [
+            override
+            for override in overrides
+            if override.type is OverrideType.CHANGE
+            and composer.choices(override.key_or_group, paths)
+            and override.key_or_group not in composer.defaults
+        ]
+    except UserError:
+        return []
+    return [f"{_line(override)}: no group of the defaults; write +{_line(override)}" for override in absent]
 
 
 def _apply(config: DictConfig, override: Override) -> str | None:
