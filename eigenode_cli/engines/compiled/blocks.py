@@ -7,7 +7,12 @@ from eigenode_cli.engines.compiled.core import GUARDED, SPECTRA, STATUS
 from eigenode_cli.engines.compiled.integrate import OK
 from eigenode_cli.engines.compiled.jacobian import evaluate_block, jacobian_block, pull_back_block, push_tangents
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
-from eigenode_cli.engines.compiled.spectrum import pull_back_closed_forms, pull_back_spectrum, take_spectrum
+from eigenode_cli.engines.compiled.spectrum import (
+    pull_back_closed_forms,
+    pull_back_spectrum,
+    take_closed_forms,
+    take_spectrum,
+)
 from eigenode_cli.jit import njit_inner
 
 
@@ -26,27 +31,53 @@ def take_block(core, trajectory, side, block, counted, vectors):
     net, work, setup, n = core.batch, core.work, core.setup, core.net.n
     columns, number, first = work.columns, side * work.blocks + block, block * work.columns
     record, tangents = doubles(work.records, number * net.width * columns), doubles(work.tangents, 0)
-    a, rows, outcome = doubles(work.a, 0), doubles(work.rows, 0), integers(work.outcome, 0)
+    rows, outcome, count = doubles(work.rows, 0), integers(work.outcome, 0), min(columns, setup.rows - first)
     _load_states(core, trajectory, side, first, record)
     evaluate_block(net, columns, record)
     push_tangents(net, columns, record, tangents)
     jacobian_block(net, columns, tangents, rows)
     integers(work.pushed, 0)[0] = number
-    lead, entries = (n - net.m) * n, net.m * n
+    for c in range(count):
+        if not all_finite(n, _state(core, trajectory, side, first + c)):
+            rows[c] = math.nan
+    at = side * setup.rows + first
+    if n == 2:
+        fired = take_closed_forms(core.eigen, net.m, columns, count, rows, at, counted - first, vectors)
+    else:
+        fired = _take_one_by_one(core, count, rows, at, counted - first, vectors)
+    outcome[GUARDED] += fired
+    entries = net.m * n
+    if not all_finite(entries * columns, rows):
+        integers(work.pushed, 0)[0] = -1
+        for c in range(count):
+            for row in range(net.width if _lost(entries, columns, rows, c) else 0):
+                record[row * columns + c] = 0.0
+
+
+@njit_inner
+def _lost(entries, columns, rows, c):
+    """Whether any of the entries of column c is not finite."""
+    lost = False
+    for i in range(entries):
+        value = rows[i * columns + c]
+        lost |= value - value != 0.0
+    return lost
+
+
+@njit_inner
+def _take_one_by_one(core, count, rows, at, counted, vectors):
+    """`spectrum.take_closed_forms` of any number of states."""
+    n, m, columns, a, fired = core.net.n, core.net.m, core.work.columns, doubles(core.work.a, 0), 0
+    lead, entries = (n - m) * n, m * n
     clear(lead, a)
-    for c in range(min(columns, setup.rows - first)):
-        for i in range(n - net.m):
-            a[i * n + net.m + i] = 1.0
+    for c in range(count):
+        for i in range(n - m):
+            a[i * n + m + i] = 1.0
         for i in range(entries):
             a[lead + i] = rows[i * columns + c]
-        if not all_finite(n, _state(core, trajectory, side, first + c)):
-            a[lead] = math.nan
-        fired = take_spectrum(core.eigen, a, side * setup.rows + first + c, vectors)
-        outcome[GUARDED] += fired if first + c < counted else 0
-        if not all_finite(entries, shift(a, lead)):
-            integers(work.pushed, 0)[0] = -1
-            for row in range(net.width):
-                record[row * columns + c] = 0.0
+        firings = take_spectrum(core.eigen, a, at + c, vectors)
+        fired += firings if c < counted else 0
+    return fired
 
 
 @njit_inner

@@ -215,6 +215,7 @@ def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int
         tangent_state=owner.floats(n, columns),
         tangent_stage=owner.floats(n, columns),
         tangent_k=owner.floats(method.stages, n, columns),
+        tangent_output=owner.floats(n, columns),
     )
 
 
@@ -225,7 +226,8 @@ def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen
         n=n,
         max_condition=float(max_condition),
         spectra=owner.zeros(count * n, np.complex128),
-        slopes=owner.zeros(8 * count if n == 2 else 0, np.complex128),
+        capacity=count,
+        forms=owner.floats(5, count if n == 2 else 0),
         left=owner.zeros(vectors, np.complex128),
         right_real=owner.floats(vectors),
         right_imag=owner.floats(vectors),

@@ -30,8 +30,8 @@ class Bars(NamedTuple):
         rows: these rows `(BLOCK, stride)`; `factors` of each channel `(BLOCK, C)`.
         stride: P in whole cache lines.
         scratch: of the network's pullbacks `(2, widest)`.
-        tangent_state, tangent_stage, tangent_k: forward sensitivities of a state and of a stage `(n, P)`, of the
-            stages' derivatives `(s, n, P)`.
+        tangent_state, tangent_stage, tangent_output, tangent_k: forward sensitivities of a state, of a stage and of an
+            output `(n, P)`, of the stages' derivatives `(s, n, P)`.
     """
 
     states: int
@@ -50,6 +50,7 @@ class Bars(NamedTuple):
     tangent_state: int
     tangent_stage: int
     tangent_k: int
+    tangent_output: int
 
 
 @njit_inner
@@ -181,11 +182,10 @@ def forward_sensitivities(net, method, steps, bars, channels, outputs):
     """Add the pullback of `bars.states` for N = `outputs` to `bars.packed` by forward sensitivities along the steps.
 
     The solution Jacobian `(n, P)` is carried from step to step and contracted with the cotangents of the outputs in
-    each, through the stages, so that it is never interpolated or stored.
+    each, so that it is never stored.
     """
-    n, stages, length = net.n, method.stages, net.n * net.size
-    q = channels * n
-    final = _last_output(outputs, q, doubles(bars.states, 0))
+    stages, length = method.stages, net.n * net.size
+    final = _last_output(outputs, channels * net.n, doubles(bars.states, 0))
     if final == 0:
         return
     state, stage, k = doubles(bars.tangent_state, 0), doubles(bars.tangent_stage, 0), doubles(bars.tangent_k, 0)
@@ -193,22 +193,46 @@ def forward_sensitivities(net, method, steps, bars, channels, outputs):
     clear(length, state)
     _push_field(net, doubles(steps.record, 0), bars, state, k)
     for step in range(output_step[final] + 1):
+        h, before = doubles(steps.size, 0)[step], output
         while output < final and output_step[output + 1] <= step:
             output += 1
-        inside = _gather_outputs(net, method, steps, bars, channels, step, output) != output
         for j in range(1, stages):
-            h = doubles(steps.size, 0)[step]
             combine(length, j, state, h, doubles(method.a, j * stages), k, stage)
             record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
             _push_field(net, record, bars, stage, shift(k, j * length))
-        for c in range(channels if inside else 0):
-            gradient = doubles(bars.packed, c * net.size)
-            add_rows(n, net.size, net.size, doubles(bars.start, c * n), 1, state, gradient)
-            for i in range(n):
-                factors = doubles(bars.stage_rates, c * n + i)
-                add_rows(stages, net.size, length, factors, q, shift(k, i * net.size), gradient)
+        inside = output - before
+        if inside * (stages + channels) < channels * (stages + 1):
+            for number in range(before + 1, output + 1):
+                _contract_output(net, method, steps, bars, channels, h, number)
+        else:
+            _contract_stages(net, method, steps, bars, channels, step, output)
         copy(length, stage, state)
         copy(length, shift(k, (stages - 1) * length), k)
+
+
+@njit_inner
+def _contract_output(net, method, steps, bars, channels, h, output):
+    """Add the sensitivity of one output of a step, interpolated, times its cotangents: cheap for many channels."""
+    n, stages, length = net.n, method.stages, net.n * net.size
+    state, k, here = doubles(bars.tangent_state, 0), doubles(bars.tangent_k, 0), doubles(bars.tangent_output, 0)
+    combine(length, stages, state, h, doubles(steps.output_weights, output * stages), k, here)
+    for c in range(channels):
+        bar = doubles(bars.states, (output * channels + c) * n)
+        add_rows(n, net.size, net.size, bar, 1, here, doubles(bars.packed, c * net.size))
+
+
+@njit_inner
+def _contract_stages(net, method, steps, bars, channels, step, output):
+    """The same for all outputs of a step, the last of them number `output`, through its stages."""
+    n, stages, q = net.n, method.stages, channels * net.n
+    _gather_outputs(net, method, steps, bars, channels, step, output)
+    state, k = doubles(bars.tangent_state, 0), doubles(bars.tangent_k, 0)
+    for c in range(channels):
+        gradient = doubles(bars.packed, c * net.size)
+        add_rows(n, net.size, net.size, doubles(bars.start, c * n), 1, state, gradient)
+        for i in range(n):
+            factors = doubles(bars.stage_rates, c * n + i)
+            add_rows(stages, net.size, n * net.size, factors, q, shift(k, i * net.size), gradient)
 
 
 @njit_inner

@@ -22,7 +22,9 @@ class Eigen(NamedTuple):
         n: number of states.
         max_condition: the guard: largest condition of an eigenvalue that its sensitivity may show.
         spectra: eigenvalues of all T matrices `(T, n)`.
-        slopes: `d lambda_i / dA`, guarded, of two states `(T, 2, 2, 2)`; beyond, the eigenvectors stand for them.
+        capacity: T.
+        forms: of two states, what the pullback of their closed form needs (`take_closed_forms`) `(5, T)`; beyond,
+            the eigenvectors.
         left: `conj(w_i) / (w_i^H v_i)`, guarded, `(T, n, n)`.
         right_real, right_imag: parts of `v_i` `(T, n, n)`; `d lambda_i = sum_ab left[i, a] dA[a, b] right[i, b]`.
         a: a matrix, destroyed `(n, n)`.
@@ -36,7 +38,8 @@ class Eigen(NamedTuple):
     n: int
     max_condition: float
     spectra: int
-    slopes: int
+    capacity: int
+    forms: int
     left: int
     right_real: int
     right_imag: int
@@ -59,56 +62,60 @@ def take_spectrum(eigen, a, at, vectors):
     A matrix that is not finite, or on which LAPACK fails, has a spectrum of NaN. Returns how often the guard fired.
     """
     n = eigen.n
+    if n == 2:
+        return take_closed_forms(eigen, 2, 1, 1, a, at, 1, vectors)
     row = complexes(eigen.spectra, at * n)
     if not all_finite(n * n, a):
         for i in range(n):
             row[i] = complex(math.nan, math.nan)
         return 0
-    if n == 2:
-        return _two_by_two(eigen, a, at, vectors, row)
     return _general(eigen, a, at, vectors, row)
 
 
 @njit_inner
-def _two_by_two(eigen, a, at, vectors, row):
-    """Closed form: `lambda = mean +- root`, `root^2 = delta^2 + b c` with half the difference delta of the diagonal.
+def take_closed_forms(eigen, m, columns, count, rows, at, counted, vectors):
+    """`take_spectrum` of `count` matrices of two states, one a column, without a branch.
 
-    `A` less the other eigenvalue has rank one and the trace `+-2 root`: over its trace it is the projector
-    `v w^H / (w^H v)`, whose transpose is `d lambda / dA` and whose norm is the condition of both eigenvalues.
+    `lambda = mean +- root`, `root^2 = delta^2 + b c` for `A = [[a, b], [c, d]]` and half the difference delta of its
+    diagonal, so `d lambda / dA^T = I / 2 +- [[delta, b], [c, -delta]] / (2 root)`. The condition of both eigenvalues is
+    the norm of `A` less one of them over `2 |root|`: the guard lets the divisor not become smaller than it allows.
+
+    Args:
+        m: number of rows of A that are given; the first one is `[0, 1]` if m is 1.
+        columns, rows: these rows `(2 m, columns)`.
+        count: matrices.
+        at: number of the first one.
+        counted: for how many of them firings of the guard are counted.
+        vectors: whether `forms` is filled: root's modulus, delta, c and b over the divisor, 1 for a real root.
+
+    Returns:
+        How often the guard fired.
     """
-    mean, delta = 0.5 * (a[0] + a[3]), 0.5 * (a[0] - a[3])
-    discriminant = delta * delta + a[1] * a[2]
-    size = math.sqrt(abs(discriminant))
-    root = complex(size, 0.0) if discriminant >= 0.0 else complex(0.0, size)
-    row[0], row[1] = mean + root, mean - root
-    if not vectors:
-        return 0
-    first, second = complexes(eigen.slopes, 8 * at), complexes(eigen.slopes, 8 * at + 4)
-    # real roots: |delta + root|^2 + |delta - root|^2 is the same
-    norm = math.sqrt(2.0 * (delta * delta + size * size) + a[1] * a[1] + a[2] * a[2])
-    if norm == 0.0:  # a multiple of the identity: any basis of eigenvectors will do
-        none, one = complex(0.0, 0.0), complex(1.0, 0.0)
-        _set_slopes(first, one, none, none, none)
-        _set_slopes(second, none, none, none, one)
-        return 0
-    fired = not 2.0 * size * eigen.max_condition >= norm
-    over = 1.0 / (norm / eigen.max_condition if fired else 2.0 * size)
-    if discriminant >= 0.0:
-        off_b, off_c = complex(a[1] * over, 0.0), complex(a[2] * over, 0.0)
-        same, other = complex((size + delta) * over, 0.0), complex((size - delta) * over, 0.0)
-        _set_slopes(first, same, off_c, off_b, other)
-        _set_slopes(second, other, -off_c, -off_b, same)
-    else:
-        off_b, off_c = complex(0.0, -a[1] * over), complex(0.0, -a[2] * over)
-        same, other = complex(size * over, -delta * over), complex(size * over, delta * over)
-        _set_slopes(first, same, off_c, off_b, other)
-        _set_slopes(second, other, -off_c, -off_b, same)
-    return 2 * int(fired)
-
-
-@njit_inner
-def _set_slopes(slopes, p, q, r, s):
-    slopes[0], slopes[1], slopes[2], slopes[3] = p, q, r, s
+    stride, below, fired = eigen.capacity, shift(rows, (m - 1) * 2 * columns), 0
+    spectra, forms = doubles(eigen.spectra, 4 * at), doubles(eigen.forms, at)
+    for t in range(count):
+        a, b = (0.0, 1.0) if m == 1 else (rows[t], rows[columns + t])
+        c, d = below[t], below[columns + t]
+        zero = 0.0 * a + 0.0 * b + 0.0 * c + 0.0 * d  # NaN where an entry is not finite, so is the spectrum then
+        mean, delta = 0.5 * (a + d) + zero, 0.5 * (a - d)
+        square = delta * delta + b * c
+        size, real = math.sqrt(abs(square)) + zero, square >= 0.0
+        across, along = size if real else zero, zero if real else size
+        spectra[4 * t], spectra[4 * t + 1] = mean + across, along
+        spectra[4 * t + 2], spectra[4 * t + 3] = mean - across, 0.0 - along
+        if vectors:
+            # real roots: |delta + root|^2 + |delta - root|^2 is the same
+            norm = math.sqrt(2.0 * (delta * delta + size * size) + b * b + c * c)
+            guarded = not 2.0 * size * eigen.max_condition >= norm
+            over = 1.0 / (norm / eigen.max_condition if guarded else 2.0 * size)
+            any_basis = norm == 0.0  # a multiple of the identity: any basis of eigenvectors will do
+            forms[t] = 0.5 if any_basis else size * over
+            forms[stride + t] = 0.5 if any_basis else delta * over
+            forms[2 * stride + t] = 0.0 if any_basis else c * over
+            forms[3 * stride + t] = 0.0 if any_basis else b * over
+            forms[4 * stride + t] = 1.0 if real else 0.0
+            fired += 2 * int(guarded and zero == 0.0 and t < counted)
+    return fired
 
 
 @njit_inner
@@ -186,19 +193,20 @@ def pull_back_spectrum(eigen, at, m, slope, bar_a):
 def pull_back_closed_forms(eigen, at, count, m, slopes, columns, rows):
     """The same of `count` matrices of two states from number `at` on, with `slopes (count, 2, 2)`.
 
-    Entry e of the cotangent of each one goes to its column of row e of `rows (2 m, columns)`. Where there is no slope
-    the derivatives count for nothing: they may be those of a matrix that is not finite.
+    The cotangents of each one go to its column of `rows (2 m, columns)`. Where there is no slope the derivatives count
+    for nothing: they may be those of a matrix that is not finite.
     """
-    for e in range(2 * m):
-        row = shift(rows, e * columns)
-        first = doubles(eigen.slopes, 16 * at + 2 * (4 - 2 * m + e))
-        second = shift(first, 8)
-        for c in range(count):
-            real_1, imag_1, real_2, imag_2 = slopes[4 * c], slopes[4 * c + 1], slopes[4 * c + 2], slopes[4 * c + 3]
-            front = real_1 * first[16 * c] + imag_1 * first[16 * c + 1]
-            back = real_2 * second[16 * c] + imag_2 * second[16 * c + 1]
-            none = real_1 == 0.0 and imag_1 == 0.0 and real_2 == 0.0 and imag_2 == 0.0
-            row[c] = 0.0 if none else front + back
+    stride, forms, below = eigen.capacity, doubles(eigen.forms, at), shift(rows, (m - 1) * 2 * columns)
+    for t in range(count):
+        real_1, imag_1, real_2, imag_2 = slopes[4 * t], slopes[4 * t + 1], slopes[4 * t + 2], slopes[4 * t + 3]
+        none = real_1 == 0.0 and imag_1 == 0.0 and real_2 == 0.0 and imag_2 == 0.0
+        apart = real_1 - real_2 if forms[4 * stride + t] == 1.0 else imag_2 - imag_1
+        half, tilt = forms[t] * (real_1 + real_2), forms[stride + t] * apart
+        if m == 2:
+            rows[t] = 0.0 if none else half + tilt
+            rows[columns + t] = 0.0 if none else forms[2 * stride + t] * apart
+        below[t] = 0.0 if none else forms[3 * stride + t] * apart
+        below[columns + t] = 0.0 if none else half - tilt
 
 
 @njit_sums
