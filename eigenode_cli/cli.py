@@ -24,7 +24,7 @@ INTERRUPTED = 130
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Set to 1 before NumPy is imported, unless the user has set them: many small matrices, several runs side by side."""
 
-OBJECTS_BETWEEN_COLLECTIONS = 50_000
+OBJECTS_BETWEEN_COLLECTIONS = 10_000
 """Imports and Hydra make a million objects that stay: to look through them for garbage every 700 took 0.3 s."""
 
 Adder = Callable[[argparse.ArgumentParser], None]

@@ -28,7 +28,7 @@ from eigenode_cli.config.schema import (
 )
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.data import Data, Floats, Targets
-from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
 from eigenode_cli.optimizer import build_optimizer
@@ -162,7 +162,7 @@ def _attended(
     write_json(folder / "run.json", record)
     exit_status = 0
     try:
-        setup = build(config, _unheard if quiet else print)
+        setup = build(config, unheard if quiet else print)
         record |= _description(setup)
         write_json(folder / "run.json", record)
         _train(setup, folder, record, resumed, (watch or QuietDisplay()) if quiet else None)
@@ -182,10 +182,6 @@ def _attended(
     if not quiet:
         _tell(folder, record, config.trainer.figures)
     return exit_status
-
-
-def _unheard(_message: str) -> None:
-    """Say nothing."""
 
 
 def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, shown: Display | None) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.data import Floats
-from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.engines.split import SPECTRAL, SplitEngine
 from eigenode_cli.field import VectorField
@@ -34,7 +34,7 @@ def build_stages(
     """
 
     def engine_of(part: Problem) -> Engine:
-        return build_engine(config, field, part, dict(user_terms), _unheard)
+        return build_engine(config, field, part, dict(user_terms), unheard)
 
     trainer, stages = config.trainer, []
     if trainer.spectral_steps > 0:
@@ -72,7 +72,3 @@ def gradient_scales(config: TrainConfig, terms: Sequence[str]) -> Floats:
         counted = np.array([term in ("frq", "dmp", "stb", "osc") for term in terms])
         scales[counted] *= len(config.system.initial_state) / (config.system.points / 2.0)
     return scales
-
-
-def _unheard(_message: str) -> None:
-    """Say nothing: the engine of the whole has announced what there is to say."""

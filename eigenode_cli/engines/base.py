@@ -118,6 +118,10 @@ class Engine(Protocol):
         ...
 
 
+def unheard(_message: str) -> None:
+    """Announce nothing, where nobody is told that an engine compiles."""
+
+
 def single_step(engine: Engine, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
     """`Engine.advance` by one step, for engines that need Python in each."""
     jacobian = engine.loss_jacobian(theta)

@@ -12,7 +12,7 @@ import numpy as np
 
 from eigenode_cli.config.schema import AdaptiveSolverConfig
 from eigenode_cli.data import Floats
-from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.files import write_json
 from eigenode_cli.recorder import load_last
@@ -32,13 +32,9 @@ TIGHT = {"rtol": 1e-7, "atol": 1e-9}
 solver is wrong here."""
 
 
-def _unheard(_message: str) -> None:
-    """Say nothing."""
-
-
 def _trained(unit: Unit) -> tuple[Setup, Floats]:
     """The parts of a finished unit and its last parameters."""
-    setup = build(unit.config, _unheard)
+    setup = build(unit.config, unheard)
     saved = load_last(unit.folder)
     if saved is None:
         raise ValueError(f"{unit.folder}: no parameters were saved")
@@ -68,7 +64,7 @@ def measure_gradient_cost(unit: Unit) -> None:
     if (unit.folder / COST_FILE).is_file():
         return
     several, theta = _trained(unit)
-    one = build(replace(unit.config, grads="sol"), _unheard)
+    one = build(replace(unit.config, grads="sol"), unheard)
     times = fastest(lambda: one.engine.loss_jacobian(theta), lambda: several.engine.loss_jacobian(theta))
     content = {"sol_seconds": times[0], "all_seconds": times[1], "ratio": times[1] / times[0]}
     write_json(unit.folder / COST_FILE, content)
@@ -85,7 +81,7 @@ def measure_test(unit: Unit) -> None:
     system = unit.config.system
     data = sample(setup.system, setup.data.states[-1], system.horizon, system.points, system.observed)
     problem = replace(setup.problem, terms=("sol",), data=data, targets=build_targets(unit.config, setup.system, data))
-    test: Engine = build_engine(unit.config, setup.field, problem, {}, _unheard)
+    test: Engine = build_engine(unit.config, setup.field, problem, {}, unheard)
     evaluation = test.evaluate(theta, data.times)
     trained = setup.engine.evaluate(theta, setup.data.times)
     start = setup.data.times[:1]
@@ -110,7 +106,7 @@ def measure_tight(unit: Unit) -> None:
     solver = setup.problem.solver
     if isinstance(solver, AdaptiveSolverConfig):
         solver = replace(solver, **TIGHT)
-    engine: Engine = build_engine(unit.config, setup.field, replace(setup.problem, solver=solver), {}, _unheard)
+    engine: Engine = build_engine(unit.config, setup.field, replace(setup.problem, solver=solver), {}, unheard)
     times = np.linspace(0.0, unit.config.system.horizon, DENSE)
     truth = reference_solution(setup.system, setup.problem.initial_state, times)
     error = np.abs(engine.evaluate(theta, times).dense[:, 0] - truth[:, 0])

@@ -118,10 +118,8 @@ def figure_numbers(experiment: Experiment, spec: FigureSpec, results: Mapping[st
         return None
     if spec.kind == "solution":
         return _solution_numbers(finished, colors, results, spec)
-    values = {
-        name: [r.metrics.terms["sol"] if spec.kind == "convergence" else r.metrics.max_real for r in listed]
-        for name, listed in finished.items()
-    }
+    steps = np.unique(np.concatenate([result.metrics.step for listed in finished.values() for result in listed]))
+    values = {name: [_curve_of(result, spec.kind, steps) for result in listed] for name, listed in finished.items()}
     curves = []
     for name in shown:
         if finished[name]:
@@ -139,9 +137,15 @@ def figure_numbers(experiment: Experiment, spec: FigureSpec, results: Mapping[st
                     failed,
                 )
             )
-    steps = some.metrics.step
     minima = _minima(steps, curves, some) if spec.kind == "convergence" else ()
     return Numbers(spec.kind, steps, tuple(curves), None, None, None, minima, some.run.states[0])
+
+
+def _curve_of(result: Result, kind: str, steps: Floats) -> Floats:
+    """What a convergence or a stability shows of one training, at all of `steps`: NaN where it has no record."""
+    metrics, curve = result.metrics, np.full(steps.size, np.nan)
+    curve[np.searchsorted(steps, metrics.step)] = metrics.terms["sol"] if kind == "convergence" else metrics.max_real
+    return curve
 
 
 def _band(values: Floats) -> tuple[Floats, Floats, Floats]:

@@ -3,12 +3,14 @@
 import base64
 import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eigenode_cli.reproduce.figures import draw_all, figure_numbers, median_result, merged, title
+from eigenode_cli.reproduce.figures import draw, draw_all, figure_numbers, median_result, merged, title
+from eigenode_cli.reproduce.measures import Result
 from eigenode_cli.reproduce.page import write_page
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.tables import Summary
@@ -32,6 +34,26 @@ def test_curves_are_medians_with_quartiles(study: Study) -> None:
     np.testing.assert_allclose(curve.low, np.quantile(values, 0.25, axis=0), rtol=1e-14)
     np.testing.assert_allclose(curve.high, np.quantile(values, 0.75, axis=0), rtol=1e-14)
     np.testing.assert_array_equal(found.x, [0, 5, 10, 15, 20])
+
+
+def test_trainings_of_different_length_share_a_figure(study: Study) -> None:
+    results = dict(study.results["small"])
+    short = []
+    for result in results["sol"]:
+        cut = Result(result.unit)
+        metrics = result.metrics
+        kept = replace(metrics, step=metrics.step[:3], terms={"sol": metrics.terms["sol"][:3]})
+        vars(cut)["run"] = replace(result.run, metrics=kept)
+        short.append(cut)
+    experiment = study.experiments["small"]
+    whole = numbers(study, 1)
+    found = figure_numbers(experiment, experiment.figures[1], results | {"sol": short})
+    assert whole is not None
+    assert found is not None
+    np.testing.assert_array_equal(found.x, [0, 5, 10, 15, 20])
+    np.testing.assert_array_equal(found.curves[0].y, whole.curves[0].y)
+    np.testing.assert_array_equal(found.curves[1].y, [*whole.curves[1].y[:3], np.nan, np.nan])
+    draw(found)
 
 
 def test_a_run_has_one_colour_in_all_figures(study: Study) -> None:

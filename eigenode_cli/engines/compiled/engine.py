@@ -17,6 +17,7 @@ from eigenode_cli.engines.base import (
     Floats,
     LossJacobian,
     single_step,
+    unheard,
 )
 from eigenode_cli.engines.compiled import kernel
 from eigenode_cli.engines.compiled.apart import compile_apart
@@ -36,10 +37,6 @@ FIRST_CAPACITY = 256
 EVERY_TERM = np.arange(len(NAMES))
 NO_STEPS = np.empty(0)
 """Given steps where the solver chooses its own."""
-
-
-def _silent(_message: str) -> None:
-    """Announce nothing."""
 
 
 def fixed_steps(step: float, start: float, end: float) -> Floats:
@@ -81,7 +78,7 @@ class CompiledEngine:
         problem: Problem,
         user_terms: Mapping[str, ArrayTerm] | None = None,
         sensitivity: str = "auto",
-        announce: Callable[[str], None] = _silent,
+        announce: Callable[[str], None] = unheard,
     ) -> None:
         self._terms = problem.terms
         self._user_terms = dict(user_terms or {})
