@@ -39,10 +39,18 @@ def add_rows(count, size, stride, factors, step, rows, y):
     while e + BLOCK <= count:
         _add_block(size, stride, shift(factors, e * step), step, shift(rows, e * stride), y)
         e += BLOCK
-    while e < count:
-        if factors[e * step] != 0.0:
-            add_scaled(size, factors[e * step], shift(rows, e * stride), y)
-        e += 1
+    while e + 2 <= count:
+        _add_pair(size, stride, shift(factors, e * step), step, shift(rows, e * stride), y)
+        e += 2
+    if e < count and factors[e * step] != 0.0:
+        add_scaled(size, factors[e * step], shift(rows, e * stride), y)
+
+
+@njit_sums
+def _add_pair(size, stride, factors, step, rows, y):
+    first, second, below = factors[0], factors[step], shift(rows, stride)
+    for i in range(size):
+        y[i] += first * rows[i] + second * below[i]
 
 
 @njit_sums
@@ -79,8 +87,7 @@ def total(size, x):
 def multiply(rows, columns, matrix, mirror, x, y):
     """`y += M x` for `matrix (rows, columns)` with its transpose in `mirror`; loops run over the longer side."""
     if rows >= columns:
-        for c in range(columns):
-            add_scaled(rows, x[c], shift(mirror, c * rows), y)
+        add_rows(columns, rows, rows, x, 1, mirror, y)
     else:
         for r in range(rows):
             y[r] += dot(columns, shift(matrix, r * columns), x)
