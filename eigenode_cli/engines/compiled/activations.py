@@ -42,24 +42,22 @@ _SATURATED = 20.0
 def expm1(x):
     """`exp(x) - 1` to a few units in the last place, `x` cut to +-708; NaN stays NaN."""
     x = -_LARGEST if x < -_LARGEST else x
-    x = _LARGEST if x > _LARGEST else x
+    return _expm1_inside(_LARGEST if x > _LARGEST else x)
+
+
+@njit_fused
+def _expm1_inside(x):
+    """The same for `|x| <= 708`."""
     shifted = x * _LOG2_E + _ROUND
     exponent = shifted - _ROUND
     r = (x - exponent * _LN2_HIGH) - exponent * _LN2_LOW
-    # Taylor's series to r^13: |r| <= ln(2)/2 leaves 5e-18 of r
-    p = 1.0 / 6227020800.0
-    p = p * r + 1.0 / 479001600.0
-    p = p * r + 1.0 / 39916800.0
-    p = p * r + 1.0 / 3628800.0
-    p = p * r + 1.0 / 362880.0
-    p = p * r + 1.0 / 40320.0
-    p = p * r + 1.0 / 5040.0
-    p = p * r + 1.0 / 720.0
-    p = p * r + 1.0 / 120.0
-    p = p * r + 1.0 / 24.0
-    p = p * r + 1.0 / 6.0
-    p = p * r + 0.5
-    p = p * (r * r) + r
+    # Taylor's series to r^13: |r| <= ln(2)/2 leaves 5e-18 of r. In pairs (Estrin), which wait less for one another
+    r2 = r * r
+    r4 = r2 * r2
+    low = (0.5 + r * (1.0 / 6.0)) + r2 * (1.0 / 24.0 + r * (1.0 / 120.0))
+    middle = (1.0 / 720.0 + r * (1.0 / 5040.0)) + r2 * (1.0 / 40320.0 + r * (1.0 / 362880.0))
+    high = (1.0 / 3628800.0 + r * (1.0 / 39916800.0)) + r2 * (1.0 / 479001600.0 + r * (1.0 / 6227020800.0))
+    p = (low + r4 * (middle + r4 * high)) * r2 + r
     power = float_of((bits_of(shifted) << 52) + _BIAS)
     return p * power + (power - 1.0)
 
@@ -71,7 +69,7 @@ def tanh(x):
     sign = bits & _SIGN
     size = float_of(bits ^ sign)
     size = _SATURATED if size > _SATURATED else size
-    q = expm1(-2.0 * size)
+    q = _expm1_inside(-2.0 * size)
     return float_of(bits_of(abs(q) / (2.0 + q)) | sign)
 
 
