@@ -144,8 +144,8 @@ class TorchEngine:
 
     def _gradient(self, value: Tensor) -> Floats:
         """Parameter gradient `(P,)` of one term: zero where no parameter enters it, NaN where it is undefined."""
-        if not value.requires_grad:
-            blank = 0.0 if torch.isfinite(value) else np.nan
+        if torch.isnan(value) or not value.requires_grad:
+            blank = np.nan if torch.isnan(value) else 0.0
             return np.full(sum(p.numel() for p in self._parameters), blank)
         rows = torch.autograd.grad(value, self._parameters, retain_graph=True, materialize_grads=True)
         return torch.cat([row.reshape(-1) for row in rows]).numpy()

@@ -13,7 +13,7 @@ def _sigmoid_slope(z: Tensor) -> Tensor:
 
 
 def _softplus(z: Tensor) -> Tensor:
-    return torch.logaddexp(z, torch.zeros_like(z))  # torch's own becomes the identity beyond 20
+    return functional.softplus(z, threshold=700.0)  # by default it becomes the identity beyond 20
 
 
 def _silu_slope(z: Tensor) -> Tensor:

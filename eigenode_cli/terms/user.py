@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -87,6 +88,8 @@ def on_arrays(term: UserTerm, times: Floats, data: Floats, field: VectorField) -
         states = torch.from_numpy(trajectory).requires_grad_()
         eigenvalues = torch.from_numpy(spectra).requires_grad_()
         value = term(trajectory=states, spectra=eigenvalues, **known)
+        if not value.requires_grad:  # a constant, if only in the branch that it took
+            return float(value), np.zeros_like(trajectory), np.zeros_like(spectra), 0.0
         inputs = (states, eigenvalues, *parameters)
         in_states, in_eigenvalues, *rows = torch.autograd.grad(value, inputs, materialize_grads=True)
         direct = torch.cat([row.reshape(-1) for row in rows]).numpy() if rows else 0.0

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from eigenode_cli.engines.base import Floats
 from eigenode_cli.engines.torch_engine import TorchEngine
 from eigenode_cli.field import VectorField, flat_parameters, load_flat
+from eigenode_cli.field.activations import ACTIVATIONS
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.terms import NAMES
@@ -199,6 +200,24 @@ def test_failed_solve_without_stabilisation_is_undefined() -> None:
     result = engine.loss_jacobian(np.array([0.5, 0.5]))
     assert np.isnan(result.values).all()
     assert np.isnan(result.gradients).all()
+
+
+def test_a_term_without_a_value_has_no_gradient() -> None:
+    case = make_case("vdp")
+    engine = TorchEngine(case.field(), case.problem(terms=("sol", "stb")), {})
+    result = engine.loss_jacobian(np.full_like(flat_parameters(case.field()), np.nan))
+    assert result.status is Status.NON_FINITE
+    assert np.isnan(result.values).all()
+    assert np.isnan(result.gradients).all()
+
+
+@pytest.mark.parametrize("name", ["softplus", "sigmoid", "silu", "elu"])
+def test_dead_units_have_a_second_derivative(name: str) -> None:
+    z = torch.tensor([-2000.0, -800.0, -50.0, 800.0], dtype=torch.float64, requires_grad=True)
+    (first,) = torch.autograd.grad(ACTIVATIONS[name][0](z).sum(), z, create_graph=True)
+    (second,) = torch.autograd.grad(first.sum(), z)
+    assert second.isfinite().all()
+    torch.testing.assert_close(first, ACTIVATIONS[name][1](z))
 
 
 def test_max_steps_is_a_failed_solve() -> None:

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 import torch
 
+from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.data import Data
+from eigenode_cli.field import flat_parameters
+from eigenode_cli.run import build
 from eigenode_cli.terms.arguments import arguments_of
 from eigenode_cli.terms.peers import EDGE, derivative_matching, jacobian_norm, smoothed
 from eigenode_cli.terms.user import load_user_terms, user_term
@@ -98,3 +101,17 @@ def test_jacobian_norm_of_a_linear_field() -> None:
     trajectory = torch.zeros((5, 2), dtype=torch.float64)
     expected = sum(factor**2 for factor in FACTORS)
     assert float(jacobian_norm(trajectory, Oscillator())) == pytest.approx(expected, rel=1e-12)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("engine", ["compiled", "torch"])
+def test_a_term_that_does_not_depend_on_anything_has_no_gradient(engine: str) -> None:
+    config = typed(compose([f"engine={engine}", "+terms.late=tests.terms.test_user:late", "grads=sol+late"]))
+    setup = build(config, print)
+    found = setup.engine.loss_jacobian(flat_parameters(setup.field))
+    assert found.values[1] == pytest.approx(setup.data.times.mean())
+    np.testing.assert_array_equal(found.gradients[1], 0.0)
+    assert found.gradients[0].any()
+
+
+def late(times: torch.Tensor) -> torch.Tensor:
+    return times.mean()

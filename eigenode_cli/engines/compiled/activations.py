@@ -39,15 +39,8 @@ _SATURATED = 20.0
 
 
 @njit_fused
-def expm1(x):
-    """`exp(x) - 1` to a few units in the last place, `x` cut to +-708; NaN stays NaN."""
-    x = -_LARGEST if x < -_LARGEST else x
-    return _expm1_inside(_LARGEST if x > _LARGEST else x)
-
-
-@njit_fused
-def _expm1_inside(x):
-    """The same for `|x| <= 708`."""
+def _reduced(x):
+    """`p` and a power of two with `exp(x) - 1 = p power + power - 1`, for `|x| <= 708`; NaN stays NaN."""
     shifted = x * _LOG2_E + _ROUND
     exponent = shifted - _ROUND
     r = (x - exponent * _LN2_HIGH) - exponent * _LN2_LOW
@@ -58,7 +51,19 @@ def _expm1_inside(x):
     middle = (1.0 / 720.0 + r * (1.0 / 5040.0)) + r2 * (1.0 / 40320.0 + r * (1.0 / 362880.0))
     high = (1.0 / 3628800.0 + r * (1.0 / 39916800.0)) + r2 * (1.0 / 479001600.0 + r * (1.0 / 6227020800.0))
     p = (low + r4 * (middle + r4 * high)) * r2 + r
-    power = float_of((bits_of(shifted) << 52) + _BIAS)
+    return p, float_of((bits_of(shifted) << 52) + _BIAS)
+
+
+@njit_fused
+def _cut(x):
+    x = -_LARGEST if x < -_LARGEST else x
+    return _LARGEST if x > _LARGEST else x
+
+
+@njit_fused
+def expm1(x):
+    """`exp(x) - 1` to a few units in the last place, `x` cut to +-708; NaN stays NaN."""
+    p, power = _reduced(_cut(x))
     return p * power + (power - 1.0)
 
 
@@ -69,13 +74,15 @@ def tanh(x):
     sign = bits & _SIGN
     size = float_of(bits ^ sign)
     size = _SATURATED if size > _SATURATED else size
-    q = _expm1_inside(-2.0 * size)
+    p, power = _reduced(-2.0 * size)
+    q = p * power + (power - 1.0)
     return float_of(bits_of(abs(q) / (2.0 + q)) | sign)
 
 
 @njit_fused
 def _sigmoid(z):
-    return 1.0 / (2.0 + expm1(-z))
+    """Down to 0: a floor, however low, would be an eigenvalue where there is none."""
+    return 0.0 if z < -_LARGEST else 1.0 / (2.0 + expm1(-z))
 
 
 @njit_fused
@@ -121,8 +128,9 @@ def _silu_all(z):
 
 @njit_fused
 def _elu_all(z):
-    below = expm1(0.0 if z > 0.0 else z)
-    return (z if z > 0.0 else below), 1.0 + below, (0.0 if z > 0.0 else 1.0 + below)
+    p, power = _reduced(_cut(0.0 if z > 0.0 else z))
+    slope = 0.0 if z < -_LARGEST else p * power + power  # not 1 + expm1: all digits where it is small
+    return (z if z > 0.0 else p * power + (power - 1.0)), slope, (0.0 if z > 0.0 else slope)
 
 
 @njit_fused

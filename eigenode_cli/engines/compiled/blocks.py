@@ -49,7 +49,7 @@ def take_block(core, trajectory, side, block, counted, vectors):
     entries = net.m * n
     if not all_finite(entries * columns, rows):
         integers(work.pushed, 0)[0] = -1
-        for c in range(count):
+        for c in range(columns):  # those behind the last state as well: their sums must stay zero
             for row in range(net.width if _lost(entries, columns, rows, c) else 0):
                 record[row * columns + c] = 0.0
 

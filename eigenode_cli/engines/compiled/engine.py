@@ -182,7 +182,7 @@ class CompiledEngine:
         which may go beyond them, are those of a solve of their own from the same initial state.
         """
         self._load(theta)
-        self._ready(*(("forward", "pull_back") if self._own else ("advance",)), "evaluate")
+        self._ready(*(("forward", "pull_back") if self._own else ("advance",)), "evaluate")  # compiled in one go
         values = np.empty(len(NAMES))
         states, spectra = self._outputs()
         status, dense = self._evaluate(np.asarray(times, dtype=np.float64), values, states, spectra)
@@ -296,8 +296,8 @@ class CompiledEngine:
     def _checked(self, steps: Floats) -> Floats:
         given = np.array(steps, dtype=np.float64)
         horizon = self._times[-1] - self._times[0]
-        if given.ndim != 1 or given.size == 0 or not abs(given.sum() - horizon) <= 1e-9 * horizon:
-            raise ValueError(f"steps must add up to the horizon of {horizon} s")
+        if given.ndim != 1 or not (given > 0.0).all() or not abs(given.sum() - horizon) <= 1e-9 * horizon:
+            raise ValueError(f"steps must be positive and add up to the horizon of {horizon} s")
         return given
 
     def _ready(self, *names: str) -> None:

@@ -82,14 +82,18 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     n = net.n
     x, first = doubles(steps.x, 0), doubles(steps.k, 0)
     final = doubles(steps.k, (method.stages - 1) * n)
-    _start(n, steps, start, count, states)
+    known = _start(method, n, steps, start, count, times, states)
     evaluate_field(net, x, doubles(steps.record, 0), first)
     if not all_finite(n, first):
-        return NON_FINITE, 0, 0, 1
+        return NON_FINITE, 0, 0, known
     t, end = times[0], times[count - 1]
     adaptive = given_count == 0
     h = _initial_step(net, method, steps) if adaptive and t < end else 0.0
-    accepted, rejected, reached = np.int64(0), np.int64(0), np.int64(1)  # literals would compile what they enter twice
+    accepted, rejected, reached = (
+        np.int64(0),
+        np.int64(0),
+        np.int64(known),
+    )  # literals would compile what they enter twice
     last_ratio, ratio = SMALLEST_RATIO, 0.0
     while t < end:
         if adaptive:
@@ -114,20 +118,28 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
             copy(n, doubles(steps.trial, 0), x)
             copy(n, final, first)
         else:
-            rejected += 1
+            rejected += int(adaptive)  # a given step that fails ends the solve
         h = next_step(h, ratio, last_ratio, method.order)
         last_ratio = max(ratio, SMALLEST_RATIO) if ratio <= 1.0 else last_ratio
     return OK, accepted, rejected, reached
 
 
 @njit_inner
-def _start(n, steps, start, count, states):
-    """Copy the initial state to where the first step and the first output read it; NaN for all other outputs."""
+def _start(method, n, steps, start, count, times, states):
+    """Copy the initial state to where the first step and the outputs at its time read it; NaN for all other outputs.
+
+    Returns the number of the first output at a later time.
+    """
     copy(n, start, doubles(steps.x, 0))
-    copy(n, start, states)
-    for i in range(n, count * n):
+    known = 0
+    while known < count and times[known] <= times[0]:
+        copy(n, start, shift(states, known * n))
+        integers(steps.output_step, 0)[known] = -1
+        clear(method.stages, doubles(steps.output_weights, known * method.stages))
+        known += 1
+    for i in range(known * n, count * n):
         states[i] = math.nan
-    integers(steps.output_step, 0)[0] = -1
+    return known
 
 
 @njit_inner

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from eigenode_cli.engines.compiled.algebra import all_finite, clear
 from eigenode_cli.engines.compiled.lapack import dgeev
-from eigenode_cli.engines.compiled.memory import complexes, doubles, shift
+from eigenode_cli.engines.compiled.memory import bits_of, complexes, doubles, float_of, shift
 from eigenode_cli.jit import njit_inner, njit_sums
 
 
@@ -57,13 +57,11 @@ class Eigen(NamedTuple):
 
 @njit_inner
 def take_spectrum(eigen, a, at, vectors):
-    """Fill spectrum number `at` with the eigenvalues of `a (n, n)` and, if `vectors`, what its pullback needs.
+    """Fill spectrum number `at` with the eigenvalues of `a (n, n)` and, if `vectors`, what its pullback needs; n > 2.
 
     A matrix that is not finite, or on which LAPACK fails, has a spectrum of NaN. Returns how often the guard fired.
     """
     n = eigen.n
-    if n == 2:
-        return take_closed_forms(eigen, 2, 1, 1, a, at, 1, vectors)
     row = complexes(eigen.spectra, at * n)
     if not all_finite(n * n, a):
         for i in range(n):
@@ -98,9 +96,11 @@ def take_closed_forms(eigen, m, columns, count, rows, at, counted, vectors):
         c, d = below[t], below[columns + t]
         zero = 0.0 * a + 0.0 * b + 0.0 * c + 0.0 * d  # NaN where an entry is not finite, so is the spectrum then
         mean, delta = 0.5 * (a + d) + zero, 0.5 * (a - d)
+        unit, per_unit = _power_of_two(max(abs(delta), abs(b), abs(c)))
+        delta, b, c = delta * per_unit, b * per_unit, c * per_unit
         square = delta * delta + b * c
-        size, real = math.sqrt(abs(square)) + zero, square >= 0.0
-        across, along = size if real else zero, zero if real else size
+        size, real = math.sqrt(abs(square)), square >= 0.0
+        across, along = unit * size + zero if real else zero, zero if real else unit * size + zero
         spectra[4 * t], spectra[4 * t + 1] = mean + across, along
         spectra[4 * t + 2], spectra[4 * t + 3] = mean - across, 0.0 - along
         if vectors:
@@ -116,6 +116,14 @@ def take_closed_forms(eigen, m, columns, count, rows, at, counted, vectors):
             forms[4 * stride + t] = 1.0 if real else 0.0
             fired += 2 * int(guarded and zero == 0.0 and t < counted)
     return fired
+
+
+@njit_inner
+def _power_of_two(size):
+    """The power of two at or below a modulus, and its inverse: with entries over it squares stay in range."""
+    exponent = bits_of(size) >> 52
+    exponent = 1 if exponent < 1 else 2045 if exponent > 2045 else exponent
+    return float_of(exponent << 52), float_of((2046 - exponent) << 52)
 
 
 @njit_inner
@@ -173,9 +181,6 @@ def pull_back_spectrum(eigen, at, m, slope, bar_a):
     `slope (n, 2)` is `dl/dRe, dl/dIm` of each eigenvalue.
     """
     n = eigen.n
-    if n == 2:
-        pull_back_closed_forms(eigen, at, 1, m, slope, 1, bar_a)
-        return
     clear(m * n, bar_a)
     for i in range(n):
         along_real, along_imag = slope[2 * i], slope[2 * i + 1]

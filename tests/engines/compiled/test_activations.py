@@ -110,3 +110,17 @@ def test_nan_is_seen_and_large_numbers_do_not_overflow(name):
     assert np.isnan(z[0])
     assert np.isfinite(slope[1:]).all()
     assert np.isfinite(curve[1:]).all()
+
+
+@pytest.mark.parametrize("name", ["sigmoid", "silu", "softplus", "elu"])
+def test_saturated_units_keep_their_digits(name):
+    """Eigenvalues of dead units are tiny, and ratios of them count: no floor, and no sum with 1 in between."""
+    z = np.array([-30.0, -36.0, -40.0, -100.0, -600.0, -800.0, -1e6, -1e300])
+    leaf = torch.from_numpy(z.copy()).requires_grad_()
+    value = torch.nn.functional.softplus(leaf) if name == "softplus" else oracle.ACTIVATIONS[name](leaf)
+    (first,) = torch.autograd.grad(value.sum(), leaf, create_graph=True)
+    (second,) = torch.autograd.grad(first.sum(), leaf)
+    slope, curve = np.empty(z.size), np.empty(z.size)
+    activate_of(activations.ACTIVATIONS[name], z, slope, curve)
+    np.testing.assert_allclose(slope, first.detach().numpy(), rtol=1e-12, atol=0.0)
+    np.testing.assert_allclose(curve, second.numpy(), rtol=1e-12, atol=0.0)

@@ -1,8 +1,10 @@
 """What surrounds the numbers of the compiled engine: statuses, failures, user terms, evaluation, determinism."""
 
+import gc
 import resource
 import threading
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -141,7 +143,7 @@ def test_a_fixed_step_that_explodes():
     problem = oracle.make_problem(2, horizon=3.0, solver=oracle.fixed(0.01))
     found = CompiledEngine(shape, problem).loss_jacobian(theta)
     assert found.status is Status.NON_FINITE
-    assert found.n_rejected == 1
+    assert found.n_rejected == 0
 
 
 @pytest.mark.parametrize("sensitivity", ["adjoint", "forward"])
@@ -258,6 +260,26 @@ def test_evaluate():
     np.testing.assert_array_equal(data, found.trajectory)
 
 
+@pytest.mark.parametrize("steps", [500, 0])
+def test_the_initial_state_is_known_however_the_solve_ends(steps):
+    shape = oracle.make_shape(2)
+    problem = oracle.make_problem(2, solver=oracle.adaptive(max_steps=steps))
+    found = CompiledEngine(shape, problem).evaluate(oracle.make_theta(shape), np.array([0.0, 0.0, 0.5])).dense
+    np.testing.assert_array_equal(found[:2], [problem.initial_state] * 2)
+    assert np.isfinite(found[2]).all() == (steps > 0)
+    alone = CompiledEngine(shape, problem).evaluate(oracle.make_theta(shape), np.array([0.0])).dense
+    np.testing.assert_array_equal(alone, [problem.initial_state])
+
+
+def test_a_jacobian_that_overflows_behind_the_last_state_is_not_seen():
+    """A block has whole cache lines of states; those behind the last one lie at the origin."""
+    shape = MlpShape((1, 1, 1, 1), "relu", "full", np.ones(1), np.ones(1))
+    problem = oracle.make_problem(1, terms=("stb",), solved=False)
+    problem = replace(problem, data=replace(problem.data, states=1.0 + problem.data.states**2))
+    found = CompiledEngine(shape, problem).loss_jacobian(np.array([-1e160, 1e10, 1e160, 0.0, 1.0, 0.0]))
+    np.testing.assert_array_equal(found.gradients, 0.0)
+
+
 @pytest.mark.parametrize("solver", [oracle.adaptive(rtol=1e-9, atol=1e-12), oracle.fixed(1e-3)], ids=["tsit5", "rk4"])
 def test_more_steps_than_there_was_room_for(solver):
     shape = oracle.make_shape(2)
@@ -333,10 +355,12 @@ def test_memory_does_not_grow():
     tracemalloc.start()
     try:
         call(100)
+        gc.collect()
         traced, resident = tracemalloc.get_traced_memory()[0], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         call(1000)
-        # what Python allocates and, in KiB, what kernels do: not one result of 4 kB retained a call
-        assert tracemalloc.get_traced_memory()[0] - traced < 10_000
+        gc.collect()
+        # what Python allocates and, in KiB, what kernels do: not one result of 4 kB retained a call, nor in forty
+        assert tracemalloc.get_traced_memory()[0] - traced < 100_000
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - resident < 2000
     finally:
         tracemalloc.stop()
@@ -370,6 +394,8 @@ def test_mistakes_are_named():
         engine.loss_jacobian(np.zeros(3))
     with pytest.raises(ValueError, match="horizon of 1"):
         engine.loss_jacobian(np.zeros(21), np.array([0.5, 0.4]))
+    with pytest.raises(ValueError, match="positive"):
+        engine.loss_jacobian(np.zeros(21), np.array([1.5, -0.5]))
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,20 @@ import pytest
 
 from eigenode_cli.engines.compiled.buffers import Owner, build_eigen
 from eigenode_cli.engines.compiled.memory import complexes, start_of
-from eigenode_cli.engines.compiled.spectrum import pull_back_spectrum, take_spectrum
+from eigenode_cli.engines.compiled.spectrum import (
+    pull_back_closed_forms,
+    pull_back_spectrum,
+    take_closed_forms,
+    take_spectrum,
+)
 
 
 @numba.njit
 def take(eigen, a, vectors, spectrum):
-    fired = take_spectrum(eigen, start_of(a), 0, vectors)
+    if eigen.n == 2:
+        fired = take_closed_forms(eigen, 2, 1, 1, start_of(a), 0, 1, vectors)
+    else:
+        fired = take_spectrum(eigen, start_of(a), 0, vectors)
     for i in range(eigen.n):
         spectrum[i] = complexes(eigen.spectra, 0)[i]
     return fired
@@ -19,7 +27,11 @@ def take(eigen, a, vectors, spectrum):
 
 @numba.njit
 def pull_back(eigen, slope, bar_a):
-    pull_back_spectrum(eigen, 0, bar_a.shape[0], start_of(slope.view(np.float64)), start_of(bar_a))
+    slopes, m = start_of(slope.view(np.float64)), bar_a.shape[0]
+    if eigen.n == 2:
+        pull_back_closed_forms(eigen, 0, 1, m, slopes, 1, start_of(bar_a))
+    else:
+        pull_back_spectrum(eigen, 0, m, slopes, start_of(bar_a))
 
 
 def spectrum_of(a, max_condition=1e12):
@@ -64,6 +76,16 @@ def test_eigenvalues_and_each_derivative(n, seed):
             step[r, c] = h
             forth, back = (matched(spectrum, np.linalg.eigvals(a + s * step)) for s in (1, -1))
             np.testing.assert_allclose(slopes[:, r, c], (forth - back) / (2 * h), rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-170, 1e160, 1e300])
+@pytest.mark.parametrize("a", [[[-1.0, 0.0], [0.0, -2.0]], [[-1.0, 3.0], [-3.0, -1.0]], [[0.0, 1.0], [0.0, 0.0]]])
+def test_no_scale_is_too_small_or_too_large(a, scale):
+    plain, fired, slopes = spectrum_of(np.array(a), max_condition=100.0)
+    scaled, fired_there, slopes_there = spectrum_of(scale * np.array(a), max_condition=100.0)
+    np.testing.assert_allclose(scaled / scale, plain, rtol=1e-14)
+    np.testing.assert_allclose(slopes_there, slopes, rtol=1e-14, atol=1e-14)
+    assert fired_there == fired
 
 
 @pytest.mark.parametrize("n", [2, 3, 6])
