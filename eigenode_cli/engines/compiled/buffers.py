@@ -95,7 +95,8 @@ class Room:
         self._owner = Owner()
         self.outputs = outputs
         self.sizes = np.zeros(capacity)
-        evaluations = 1 + (method.stages - 1) * capacity if recorded else 1
+        # one step's at least: the choice of the first step writes there, even where no step is allowed
+        evaluations = 1 + (method.stages - 1) * max(1, capacity) if recorded else 1
         self.steps = Steps(
             capacity=capacity,
             size=self._owner.keep(self.sizes),
