@@ -1,6 +1,6 @@
 """Throughput of sweeps: joblib on two workers against one, threads against one, and what --dry-run expected.
 
-    python benchmarks/sweeps.py [--runs 200] [--steps 1000] [--output benchmarks/sweeps.json]
+    python benchmarks/sweeps.py [--runs 200] [--steps 2000] [--output benchmarks/sweeps.json]
 
 Every sweep is the command itself, started in a folder of its own, from its first to its last second.
 """
@@ -23,7 +23,7 @@ def main() -> None:
     """Measure, print, and write JSON where asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--steps", type=int, default=1000, help="of each run of the sweep")
+    parser.add_argument("--steps", type=int, default=2000, help="of each run of the sweep")
     parser.add_argument("--pairs", type=int, default=3, help="of sweeps, in turn")
     parser.add_argument("--repetitions", type=int, default=8)
     parser.add_argument("--repeated-steps", type=int, default=5000, help="of each repetition")
