@@ -126,18 +126,18 @@ def combine(n, count, base, factor, weights, vectors, out):
 
 
 @njit_inner
-def all_finite(size, x):
-    """Whether no element is NaN or infinite."""
+def all_finite(size, x, step=1):
+    """Whether none of so many elements, one every `step`, is NaN or infinite."""
     finite = True
     for i in range(size):
-        finite &= x[i] - x[i] == 0.0  # but for NaN and infinity
+        finite &= x[i * step] - x[i * step] == 0.0  # but for NaN and infinity
     return finite
 
 
 @njit_inner
 def any_nonzero(size, x):
     """Whether any element is not zero."""
-    for i in range(size):  # noqa: SIM110  # Numba knows no any() of a generator
-        if x[i] != 0.0:
-            return True
-    return False
+    found = False
+    for i in range(size):
+        found |= x[i] != 0.0
+    return found

@@ -42,26 +42,15 @@ def take_block(core, trajectory, side, block, counted, vectors):
             rows[c] = math.nan
     at = side * setup.rows + first
     if n == 2:
-        fired = take_closed_forms(core.eigen, net.m, columns, count, rows, at, counted - first, vectors)
+        outcome[GUARDED] += take_closed_forms(core.eigen, net.m, columns, count, rows, at, counted - first, vectors)
     else:
-        fired = _take_one_by_one(core, count, rows, at, counted - first, vectors)
-    outcome[GUARDED] += fired
+        outcome[GUARDED] += _take_one_by_one(core, count, rows, at, counted - first, vectors)
     entries = net.m * n
     if not all_finite(entries * columns, rows):
         integers(work.pushed, 0)[0] = -1
         for c in range(columns):  # those behind the last state as well: their sums must stay zero
-            for row in range(net.width if _lost(entries, columns, rows, c) else 0):
+            for row in range(0 if all_finite(entries, shift(rows, c), columns) else net.width):
                 record[row * columns + c] = 0.0
-
-
-@njit_inner
-def _lost(entries, columns, rows, c):
-    """Whether any of the entries of column c is not finite."""
-    lost = False
-    for i in range(entries):
-        value = rows[i * columns + c]
-        lost |= value - value != 0.0
-    return lost
 
 
 @njit_inner

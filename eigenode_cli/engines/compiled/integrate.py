@@ -89,11 +89,7 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     t, end = times[0], times[count - 1]
     adaptive = given_count == 0
     h = _initial_step(net, method, steps) if adaptive and t < end else 0.0
-    accepted, rejected, reached = (
-        np.int64(0),
-        np.int64(0),
-        np.int64(known),
-    )  # literals would compile what they enter twice
+    accepted, rejected, reached = np.int64(0), np.int64(0), known  # literals would compile what they enter twice
     last_ratio, ratio = SMALLEST_RATIO, 0.0
     while t < end:
         if adaptive:

@@ -62,10 +62,10 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
 
 @njit_inner
 def _spectra_are_wanted(codes):
-    for code in codes:  # noqa: SIM110  # Numba knows no any() of a generator
-        if code != SOL:
-            return True
-    return False
+    wanted = False
+    for code in codes:
+        wanted |= code != SOL
+    return wanted
 
 
 @njit_inner

@@ -7,7 +7,7 @@ solution, shared by all terms). Step sizes count as constants.
 
 from typing import NamedTuple
 
-from eigenode_cli.engines.compiled.algebra import BLOCK, add_rows, add_scaled, clear, combine, copy
+from eigenode_cli.engines.compiled.algebra import BLOCK, add_rows, add_scaled, any_nonzero, clear, combine, copy
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
 from eigenode_cli.engines.compiled.mlp import pull_back_outputs
 from eigenode_cli.jit import njit_inner
@@ -116,9 +116,8 @@ def _pull_back_field(net, record, bars, channels, bar_rate, bar_x):
 def _last_output(count, size, states):
     """Index of the last of `count` outputs whose cotangent `(size,)` is not zero; 0 for none but the initial state."""
     for o in range(count - 1, 0, -1):
-        for i in range(size):
-            if states[o * size + i] != 0.0:
-                return o
+        if any_nonzero(size, shift(states, o * size)):
+            return o
     return 0
 
 

@@ -57,17 +57,33 @@ class Eigen(NamedTuple):
 
 @njit_inner
 def take_spectrum(eigen, a, at, vectors):
-    """Fill spectrum number `at` with the eigenvalues of `a (n, n)` and, if `vectors`, what its pullback needs; n > 2.
+    """Fill spectrum number `at` with the eigenvalues of `a (n, n)` and, if `vectors`, what its pullback needs.
 
-    A matrix that is not finite, or on which LAPACK fails, has a spectrum of NaN. Returns how often the guard fired.
+    For any number of states but two, which have a closed form. A matrix that is not finite, or on which LAPACK fails,
+    has a spectrum of NaN. LAPACK reads the rows of `a` as columns, so it sees the transpose, whose right eigenvectors
+    are conj(w). The matrix is scaled to below 1: some builds of LAPACK do not undo their own scaling.
+
+    Returns:
+        How often the guard fired.
     """
-    n = eigen.n
-    row = complexes(eigen.spectra, at * n)
-    if not all_finite(n * n, a):
+    n, largest, scaled, row = eigen.n, 0.0, doubles(eigen.a, 0), complexes(eigen.spectra, at * eigen.n)
+    found = all_finite(n * n, a)
+    if found:
+        for i in range(n * n):
+            largest = max(largest, abs(a[i]))
+        unit, per_unit = _power_of_two(2.0 * largest)
+        for i in range(n * n):
+            scaled[i] = a[i] * per_unit
+        found = dgeev(eigen, vectors) == 0
         for i in range(n):
+            row[i] = complex(doubles(eigen.real, 0)[i] * unit, doubles(eigen.imag, 0)[i] * unit)
+    fired = 0
+    for i in range(n):
+        if not found:
             row[i] = complex(math.nan, math.nan)
-        return 0
-    return _general(eigen, a, at, vectors, row)
+        elif vectors:
+            fired += _unpack_vectors(eigen, at, i)
+    return fired
 
 
 @njit_inner
@@ -124,29 +140,6 @@ def _power_of_two(size):
     exponent = bits_of(size) >> 52
     exponent = 1 if exponent < 1 else 2045 if exponent > 2045 else exponent
     return float_of(exponent << 52), float_of((2046 - exponent) << 52)
-
-
-@njit_inner
-def _general(eigen, a, at, vectors, row):
-    """LAPACK reads the rows of `a` as columns, so it sees the transpose, whose right eigenvectors are conj(w).
-
-    The matrix is scaled to about 1 by a power of two: some builds of LAPACK do not undo their own scaling.
-    """
-    n, largest, scaled = eigen.n, 0.0, doubles(eigen.a, 0)
-    for i in range(n * n):
-        largest = max(largest, abs(a[i]))
-    scale = math.ldexp(1.0, min(1000, max(-1000, -math.frexp(largest)[1])))
-    for i in range(n * n):
-        scaled[i] = a[i] * scale
-    info = dgeev(eigen, vectors)
-    real, imag = doubles(eigen.real, 0), doubles(eigen.imag, 0)
-    for i in range(n):
-        row[i] = complex(real[i] / scale, imag[i] / scale) if info == 0 else complex(math.nan, math.nan)
-    fired = 0
-    if info == 0 and vectors:
-        for i in range(n):
-            fired += _unpack_vectors(eigen, at, i)
-    return fired
 
 
 @njit_inner
