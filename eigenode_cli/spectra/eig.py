@@ -1,27 +1,28 @@
 """Eigenvalues and eigenvectors of any square matrices, differentiable forward and reverse.
 
-A piece of its own: with `refine` it needs torch and SciPy and knows nothing of the rest of this package. With unit right and left
-eigenvectors, `A v_i = lambda_i v_i` and `w_i^H A = lambda_i w_i^H`,
+A piece of its own: with `refine` it needs torch and SciPy and knows nothing of the rest of this package. With unit
+right and left eigenvectors, `A v_i = lambda_i v_i` and `w_i^H A = lambda_i w_i^H`,
 
     d lambda_i = w_i^H dA v_i / (w_i^H v_i)
     dV = V (F o P) + gauge,   P_ij = w_i^H dA v_j / (w_i^H v_i),   F_ij = 1 / (lambda_j - lambda_i), F_ii = 0
 
 which are the paper's Equ. forward1 and forward2 (Giles 2008, Sec. 3.1) with the left eigenvectors in place of the
 inverse of V. The reverse rule is their exact adjoint; it has conjugate transposes where the paper's Equ. reverse prints
-plain ones. Derivatives of any order follow in any order of the two modes, because left and right eigenvectors are
-themselves differentiable outputs. Inside a cluster of nearly equal eigenvalues the left eigenvectors are made dual to the
-right ones (`refine`), so that slopes of symmetric functions of the cluster are exact where it is not defective.
+plain ones. Higher derivatives follow in any order of the two modes, because left and right eigenvectors are themselves
+differentiable outputs. Inside a cluster of nearly equal eigenvalues the left eigenvectors are made dual to the right
+ones (`refine`), so that slopes of symmetric functions of the cluster are exact where it is not defective.
 
 Gauge: every eigenvector has unit 2-norm, and its *frozen component* is real and positive: the first one whose modulus
 is at least `FROZEN_RATIO` of the largest. (The largest itself would do, but ties between components are common, as in
 `(1, +-i)`, and rounding would then decide the phase.)
 
-Guard: `p_ia = conj(w_ia) v_ia / (w_i^H v_i)` are the participation factors of eigenvalue i. They add up to 1, and do not
-depend on the units of the states. The sum of their moduli is the smallest condition number that the eigenvalue has in any
-units, and grows without bound where eigenvalues merge into a defective one. Beyond `max_condition` the overlap `w_i^H v_i`
-is scaled up in all derivatives until the sum is `max_condition`. A condition number `1 / |w_i^H v_i|` above `max_condition`
-times `UNITS` is more than units explain: it is bounded by `max_condition` itself. Two eigenvalues closer than the largest
-modulus over `max_condition` do not mix in the eigenvectors' derivatives, F = 0. The values themselves are never touched.
+Guard: `p_ia = conj(w_ia) v_ia / (w_i^H v_i)` are the participation factors of eigenvalue i. They add up to 1 and do not
+depend on the units of the states. The sum of their moduli is the smallest condition number that the eigenvalue has in
+any units, and grows without bound where eigenvalues merge into a defective one. Beyond `max_condition` the overlap
+`w_i^H v_i` is scaled up in all derivatives until the sum is `max_condition`. A condition number `1 / |w_i^H v_i|` above
+`max_condition` times `UNITS` is more than units explain, and is bounded by `max_condition` itself. Two eigenvalues
+closer than the largest modulus over `max_condition` do not mix in the eigenvectors' derivatives, F = 0. Values are
+never touched.
 
 A matrix with NaN or infinity, or one that LAPACK cannot solve, gives NaN in its own place and a zero derivative; the
 others of its batch are as without it. NaN in a derivative that comes in stays in its place too.
@@ -38,7 +39,7 @@ from scipy.linalg.lapack import dgeev, zgeev  # pyright: ignore[reportAttributeA
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from eigenode_cli.spectra.refine import refine
+from eigenode_cli.spectra.refine import UNITS, refine
 
 FROZEN_RATIO = 0.7
 """The frozen component is the first of at least this part of the largest modulus."""
@@ -46,8 +47,6 @@ LARGEST = 2.0**1000
 """Matrices with entries from here on (1e301) count as infinite."""
 SMALLEST = 1e-200
 """Eigenvectors of matrices with no eigenvalue above this show no more sensitivity than those of one of this size."""
-UNITS = 1e6
-"""Condition that a choice of units may add to an eigenvalue: frequencies from 1e-6 to 1e6 rad/s have less."""
 
 
 class Eigensystem(NamedTuple):

@@ -2,8 +2,8 @@
 
 Inside a cluster of nearly equal eigenvalues LAPACK's right and left eigenvectors are not dual to one another,
 `w_i^H v_j != 0`, so that slopes `w_i^H dA v_i / (w_i^H v_i)` do not add up to those of symmetric functions of the
-cluster. Rounding alone causes it: the product is about `eps |A|` over the gap. Two cures, each within the backward error
-of the eigenvectors themselves:
+cluster. Rounding alone causes it: the product is about `eps |A|` over the gap. Two cures, each within the backward
+error of the eigenvectors themselves:
 
 - Eigenvalues that are equal to rounding, of a matrix that is not defective there (the null space of `A - lambda I` has
   as many dimensions): both sets of vectors are taken anew from that null space. LAPACK's own may be parallel.
@@ -30,8 +30,12 @@ EQUAL = 1e-10
 """Eigenvalues may be one repeated eigenvalue if their gap is at most this part of the largest modulus."""
 NULL = 1e-13
 """They are one if as many singular values of `A - lambda I`, balanced, are at most this part of the largest entry."""
+SINGULAR = 1e-15
+"""A cluster has no dual vectors if the overlaps of its vectors are singular to this."""
 STIFF = 2.0**-20
 """Two real eigenvalues are stiff if the ratio of their moduli is below this."""
+UNITS = 1e6
+"""Condition that a choice of units may add to an eigenvalue: frequencies from 1e-6 to 1e6 rad/s have less."""
 
 Matrix = NDArray[np.float64] | NDArray[np.complex128]
 Complex = NDArray[np.complex128]
@@ -101,12 +105,10 @@ def _take_null_space(matrix: Matrix, values: Complex, members: Members, right: C
 
 
 def _make_dual(members: Members, right: Complex, left: Complex) -> None:
-    """Make `w_i^H v_j = 0` for any two members, unless the cluster is exactly defective."""
+    """Make `w_i^H v_j = 0` for any two members, unless the cluster is defective to rounding."""
     overlap = left[:, members].conj().T @ right[:, members]
-    try:
+    if np.linalg.svd(overlap, compute_uv=False)[-1] > SINGULAR:
         left[:, members] = _unit(np.linalg.solve(overlap, left[:, members].conj().T).conj().T)
-    except np.linalg.LinAlgError:
-        return
 
 
 def _unit(vectors: Complex) -> Complex:
