@@ -14,9 +14,12 @@ Eigenvalues outside of clusters keep their vectors bit by bit. Where a cluster i
 
 In a stiff matrix of two states the smaller eigenvalue has an absolute error of `eps` times the larger one. It is taken
 from the determinant, and the vectors from the entries, without cancellation.
+
+The thresholds are those of the njit kernels of the compiled engine as well.
 """
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +114,7 @@ def _make_dual(members: Members, right: Complex, left: Complex) -> None:
         left[:, members] = _unit(np.linalg.solve(overlap, left[:, members].conj().T).conj().T)
 
 
-def _unit(vectors: Complex) -> Complex:
+def _unit(vectors: NDArray[Any]) -> Complex:
     return vectors / np.linalg.norm(vectors, axis=0)
 
 
