@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenode_cli.engines.compiled.algebra import BLOCK
+from eigenode_cli.engines.compiled.clusters import Cluster
 from eigenode_cli.engines.compiled.core import Core, Setup, Work
 from eigenode_cli.engines.compiled.integrate import Method, Steps
 from eigenode_cli.engines.compiled.jacobian import scratch_rows
-from eigenode_cli.engines.compiled.lapack import DGEEV, dgeev_space
+from eigenode_cli.engines.compiled.lapack import DGEBAL, DGEEV, ZGESVD, dgeev_space, zgesvd_space
 from eigenode_cli.engines.compiled.memory import LINE, address, aligned, whole_lines
 from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
 from eigenode_cli.engines.compiled.pullback import Bars
@@ -228,7 +229,7 @@ def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen
         max_condition=float(max_condition),
         spectra=owner.zeros(count * n, np.complex128),
         capacity=count,
-        forms=owner.floats(5, count if n == 2 else 0),
+        forms=owner.floats(6, count if n == 2 else 0),
         left=owner.zeros(vectors, np.complex128),
         right_real=owner.floats(vectors),
         right_imag=owner.floats(vectors),
@@ -239,7 +240,28 @@ def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen
         covectors=owner.floats(n, n),
         space_size=space,
         space=owner.floats(space),
-        words=owner.zeros(3, np.int32),
+        words=owner.zeros(4, np.int32),
         letter=owner.zeros(1, np.uint8),
         routine=int(DGEEV),
+        cluster=_build_cluster(owner, n),
+    )
+
+
+def _build_cluster(owner: Owner, n: int) -> Cluster:
+    space = zgesvd_space(n)
+    return Cluster(
+        label=owner.zeros(n, np.int64),
+        members=owner.zeros(n, np.int64),
+        overlap=owner.zeros(n * n, np.complex128),
+        balanced=owner.floats(n, n),
+        scale=owner.floats(n),
+        shifted=owner.zeros(n * n, np.complex128),
+        left=owner.zeros(n * n, np.complex128),
+        right=owner.zeros(n * n, np.complex128),
+        singular=owner.floats(n),
+        space_size=space,
+        space=owner.zeros(space, np.complex128),
+        real_space=owner.floats(5 * n),
+        balance=int(DGEBAL),
+        decompose=int(ZGESVD),
     )

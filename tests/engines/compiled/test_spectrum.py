@@ -137,11 +137,11 @@ def test_guard_bounds_defective_matrices(a):
 @pytest.mark.parametrize("distance", [1e-4, -1e-4])
 def test_guard_keeps_the_phase(distance):
     """Beyond the border the sensitivity points where the true one does, with the length of the border."""
-    a = np.array([[0.0, 1.0], [distance, 0.0]])  # condition 50
+    a = 0.5 * np.array([[1.0, 1.0], [4.0 * distance - 1.0, -1.0]])  # condition 50 in any units
     _, none, true = spectrum_of(a, max_condition=51.0)
     _, fired, guarded = spectrum_of(a, max_condition=10.0)
     assert (none, fired) == (0, 2)
-    length = np.linalg.norm(true, axis=(1, 2))
+    length = np.abs(np.einsum("iaa->ia", true)).sum(axis=1)
     np.testing.assert_allclose(length, 50.0, rtol=1e-3)
     np.testing.assert_allclose(guarded, true * (10.0 / length)[:, None, None], rtol=1e-12, atol=1e-12)
 
