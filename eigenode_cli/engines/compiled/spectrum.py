@@ -9,6 +9,8 @@ guard bounds it, since it grows without limit where a pair merges.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from eigenode_cli.engines.compiled.algebra import all_finite, clear
 from eigenode_cli.engines.compiled.lapack import dgeev
 from eigenode_cli.engines.compiled.memory import bits_of, complexes, doubles, float_of, shift
@@ -115,13 +117,13 @@ def take_closed_forms(eigen, m, columns, count, rows, at, counted, vectors):
         unit, per_unit = _power_of_two(max(abs(delta), abs(b), abs(c)))
         delta, b, c = delta * per_unit, b * per_unit, c * per_unit
         square = delta * delta + b * c
-        size, real = math.sqrt(abs(square)), square >= 0.0
+        size, real = np.sqrt(abs(square)), square >= 0.0
         across, along = unit * size + zero if real else zero, zero if real else unit * size + zero
         spectra[4 * t], spectra[4 * t + 1] = mean + across, along
         spectra[4 * t + 2], spectra[4 * t + 3] = mean - across, 0.0 - along
         if vectors:
             # real roots: |delta + root|^2 + |delta - root|^2 is the same
-            norm = math.sqrt(2.0 * (delta * delta + size * size) + b * b + c * c)
+            norm = np.sqrt(2.0 * (delta * delta + size * size) + b * b + c * c)
             guarded = not 2.0 * size * eigen.max_condition >= norm
             over = 1.0 / (norm / eigen.max_condition if guarded else 2.0 * size)
             any_basis = norm == 0.0  # a multiple of the identity: any basis of eigenvectors will do
