@@ -57,23 +57,33 @@ class Pointer:
         IndexError: an element outside of the buffer is read or written.
     """
 
-    __slots__ = ("elements", "name", "offset")
+    __slots__ = ("_read", "elements", "name", "offset", "size")
 
     def __init__(self, elements: NDArray, offset: int, name: str) -> None:
-        self.elements, self.offset, self.name = elements, offset, name
+        self.elements, self.offset, self.name, self.size = elements, int(offset), name, elements.size
+        # Python's integers and truth values, as Numba returns them; NumPy's floats
+        self._read = elements.__getitem__ if elements.dtype.kind in "fc" else elements.item
 
-    def _place(self, i: int) -> int:
-        at = self.offset + i
-        if 0 <= at < self.elements.size:
-            return at
-        size, kind = self.elements.size, self.elements.dtype
-        raise IndexError(f"{self.name}: element {at} (index {i} from offset {self.offset}) of {size} {kind}")
+    def __repr__(self) -> str:
+        return f"<{self.name} from element {self.offset} of {self.size} {self.elements.dtype}>"
+
+    def _outside(self, i: int) -> IndexError:
+        at, kind = self.offset + i, self.elements.dtype
+        return IndexError(
+            f"{self.name}: no element {at} (offset {self.offset}, index {i}), its size is {self.size} {kind}"
+        )
 
     def __getitem__(self, i: int) -> Any:
-        return self.elements[self._place(i)]
+        at = self.offset + i
+        if not 0 <= at < self.size:
+            raise self._outside(i)
+        return self._read(at)
 
     def __setitem__(self, i: int, value: Any) -> None:
-        self.elements[self._place(i)] = value
+        at = self.offset + i
+        if not 0 <= at < self.size:
+            raise self._outside(i)
+        self.elements[at] = value
 
 
 def _pointer(dtype: DTypeLike) -> Callable[[int, int], Pointer]:

@@ -1,9 +1,9 @@
 """LAPACK's `dgeev` from compiled code: eigenvalues, left and right eigenvectors of a real matrix, without Python.
 
-The call goes through an address, which Numba's public interface has not, so it is LLVM instructions of our own, tested
-with Numba 0.68.1 and llvmlite 0.50.0. They rely on typed pointers (`as_pointer`), which llvmlite leaves for opaque ones,
-and on SciPy's `cython_lapack` with integers of 32 bits. Where that changes, the first kernel does not compile; longer
-integers would be found by the tests of spectra only, as wrong results.
+Numba's public interface has no call through an address that is an argument, so it is LLVM instructions of our own,
+tested with Numba 0.68.1 and llvmlite 0.50.0. They rely on typed pointers (`as_pointer`), which llvmlite leaves for
+opaque ones: then the first kernel does not compile. SciPy's `cython_lapack` must have integers of 32 bits, or the tests
+of spectra fail.
 """
 
 from typing import Any
