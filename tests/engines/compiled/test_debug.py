@@ -70,7 +70,7 @@ def test_pointers_share_memory_and_know_its_type() -> None:
     with pytest.raises(TypeError, match="a number"):
         memory.doubles(address + 8, 0)
     with pytest.raises(ValueError, match="contiguous"):
-        memory.start_of(array[::2])
+        memory.start_of(np.zeros(4)[::2])
     assert type(memory.integers(memory.Address(np.ones(1, dtype=np.int64)), 0)[0]) is int
     assert memory.booleans(memory.Address(np.ones(1, dtype=np.bool_)), 0)[0] is True
 
