@@ -3,6 +3,8 @@
 Numba's own disk cache keys a function by the file it stands in, so that a change in a kernel which it calls goes
 unnoticed, and it writes beside the source, which a read-only site-packages refuses. So the cache lies in a folder of
 the user's, named after a hash of every source file of this package that has to do with kernels.
+
+With `NUMBA_DISABLE_JIT=1` kernels stay plain Python, for a debugger (`engines.compiled.debug_memory`).
 """
 
 import hashlib
@@ -11,7 +13,8 @@ import tempfile
 from pathlib import Path
 
 import numba
-from numba.core import config
+import numpy as np
+from numba.core import config  # also `numba.config`; tested with 0.68.1: `CACHE_DIR`, `DISABLE_JIT`, both read late
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -48,6 +51,9 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 
 njit = numba.njit(cache=True, nogil=True, error_model="numpy")
 """Decorator of every kernel: cached on disk, GIL released, IEEE division. No fastmath: NaN must be seen."""
+
+if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
+    njit = np.errstate(all="ignore")  # as silent as machine code is about a division by zero
 
 _INNER = {
     "nogil": True,

@@ -7,6 +7,8 @@ scheme of J.-M. Muller, Elementary Functions, 3rd ed., Sec. 11.1), which LLVM tu
 
 import math
 
+import numpy as np
+
 from eigenode_cli.engines.compiled.memory import bits_of, float_of
 from eigenode_cli.jit import njit_fused
 
@@ -135,8 +137,8 @@ def _elu_all(z):
 
 @njit_fused
 def _sin_all(z):
-    u = math.sin(z)
-    return u, math.cos(z), -u
+    u = np.sin(z)
+    return u, np.cos(z), -u
 
 
 @njit_fused

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from eigenode_cli.engines.compiled.algebra import BLOCK
 from eigenode_cli.engines.compiled.clusters import Cluster
 from eigenode_cli.engines.compiled.core import Core, Setup, Work
+from eigenode_cli.engines.compiled.debug_memory import label
 from eigenode_cli.engines.compiled.integrate import Method, Steps
 from eigenode_cli.engines.compiled.jacobian import scratch_rows
 from eigenode_cli.engines.compiled.lapack import DGEBAL, DGEEV, ZGESVD, dgeev_space, zgesvd_space
@@ -98,7 +99,7 @@ class Room:
         self.sizes = np.zeros(capacity)
         # one step's at least: the choice of the first step writes there, even where no step is allowed
         evaluations = 1 + (method.stages - 1) * max(1, capacity) if recorded else 1
-        self.steps = Steps(
+        steps = Steps(
             capacity=capacity,
             size=self._owner.keep(self.sizes),
             record=self._owner.floats(evaluations, net.width),
@@ -110,6 +111,7 @@ class Room:
             trial=self._owner.floats(net.n),
             error=self._owner.floats(net.n),
         )
+        self.steps = label(steps)
 
 
 def block_columns(count: int, net: Net) -> int:
@@ -165,7 +167,7 @@ def build_core(
     )
     bars = _build_bars(owner, net, method, outputs, terms, forward_way)
     eigen = build_eigen(owner, n, 2 * count, problem.max_condition)
-    return Core(net, batch, method, eigen, bars, _build_setup(owner, problem), work), shared
+    return label(Core(net, batch, method, eigen, bars, _build_setup(owner, problem), work)), shared
 
 
 def _build_setup(owner: Owner, problem: Problem) -> Setup:
@@ -224,7 +226,7 @@ def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int
 def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen:
     """Room for `count` spectra of n eigenvalues, and working space."""
     space, vectors = dgeev_space(n), 0 if n == 2 else count * n * n
-    return Eigen(
+    eigen = Eigen(
         n=n,
         max_condition=float(max_condition),
         spectra=owner.zeros(count * n, np.complex128),
@@ -265,3 +267,4 @@ def _build_cluster(owner: Owner, n: int) -> Cluster:
         balance=int(DGEBAL),
         decompose=int(ZGESVD),
     )
+    return label(eigen)

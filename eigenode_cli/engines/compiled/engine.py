@@ -305,7 +305,9 @@ class CompiledEngine:
         fresh = [name for name in names if name not in self._loaded]
         if not fresh:
             return
-        signatures = {name: self._signature(name) for name in fresh}
+        if numba.config.DISABLE_JIT and not self._loaded:
+            self._announce("NUMBA_DISABLE_JIT is set: kernels run as plain Python, very slowly, for debugging")
+        signatures = {name: self._signature(name) for name in fresh if not numba.config.DISABLE_JIT}
         missing = {name: signature for name, signature in signatures.items() if not _is_compiled(name)}
         start = time.perf_counter()
         if missing:

@@ -170,7 +170,7 @@ def _attempt(net, method, steps, h, step):
     for i in range(n):
         part = error[i] / (method.atol + method.rtol * max(abs(x[i]), abs(trial[i])))
         total += part * part
-    return math.sqrt(total / n)
+    return np.sqrt(total / n)
 
 
 @njit_inner
@@ -198,7 +198,7 @@ def _norm(n, vector, x, method):
     for i in range(n):
         part = vector[i] / (method.atol + method.rtol * abs(x[i]))
         total += part * part
-    return math.sqrt(total / n)
+    return np.sqrt(total / n)
 
 
 @njit_inner

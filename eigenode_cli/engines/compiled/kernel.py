@@ -8,13 +8,11 @@ The user's own terms are evaluated between the two. Nothing is allocated but wha
 
 import math
 
-from numba import carray  # pyright: ignore[reportPrivateImportUsage]  # documented under this name
-
 from eigenode_cli.engines.compiled.algebra import any_nonzero, clear, copy
 from eigenode_cli.engines.compiled.blocks import pull_back_spectra, take_block
 from eigenode_cli.engines.compiled.core import ACCEPTED, GUARDED, REACHED, REJECTED, SPECTRA, STATUS
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, integrate
-from eigenode_cli.engines.compiled.memory import booleans, complexes, doubles, integers, shift, start_of
+from eigenode_cli.engines.compiled.memory import booleans, carray, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import mirror_weights, unpack_gradient
 from eigenode_cli.engines.compiled.pullback import adjoint, forward_sensitivities, gather_rows
 from eigenode_cli.jit import njit, njit_inner

@@ -4,16 +4,24 @@ Arrays would do, but each view of one counts references atomically, which takes 
 matrix; a tuple of arrays is copied field by field into every function that is not inlined; and an index into an array
 may be negative for all the compiler knows, which keeps loops from vectorising. So kernels take addresses as integers
 in named tuples, and turn them into pointers, which Numba indexes like arrays. Nothing is checked: whoever owns the
-buffers (`buffers`) keeps them alive and makes them large enough.
+buffers (`buffers`) keeps them alive and makes them large enough. With `NUMBA_DISABLE_JIT=1` the same names are plain
+Python that checks every access (`debug_memory`).
+
+Numba has no pointer to an address in its public interface, so intrinsics build LLVM instructions here, with Numba
+0.68.1 and llvmlite 0.50.0 tested. They rely on `context.get_data_type`, `context.make_array(...).data`, and LLVM types
+that know what they point at (`as_pointer`); llvmlite leaves those for opaque pointers, then `gep` must be told the type
+of the elements. Where any of it changes, the first kernel does not compile.
 """
 
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import carray, config, types  # pyright: ignore[reportPrivateImportUsage]  # documented under these names
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from eigenode_cli.engines.compiled import debug_memory
 
 LINE = 8
 """Doubles in a cache line, the length of the longest vector as well."""
@@ -119,3 +127,10 @@ def address(array: NDArray) -> int:
     if not array.flags.c_contiguous:
         raise ValueError("kernels read contiguous arrays only")
     return int(array.ctypes.data)
+
+
+if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  # Numba sets it by name
+    doubles, integers, complexes = debug_memory.doubles, debug_memory.integers, debug_memory.complexes
+    booleans, int32s, letters = debug_memory.booleans, debug_memory.int32s, debug_memory.letters
+    start_of, shift, carray = debug_memory.start_of, debug_memory.shift, debug_memory.carray
+    bits_of, float_of, address = debug_memory.bits_of, debug_memory.float_of, debug_memory.Address

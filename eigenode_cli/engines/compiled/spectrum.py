@@ -10,6 +10,8 @@ without limit where a pair merges and is bounded by `max_condition`.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from eigenode_cli.engines.compiled.algebra import all_finite, clear
 from eigenode_cli.engines.compiled.clusters import Cluster, refine_clusters
 from eigenode_cli.engines.compiled.lapack import dgeev
@@ -130,15 +132,15 @@ def take_closed_forms(eigen, m, columns, count, rows, at, counted, vectors):
         unit, per_unit = _power_of_two(max(abs(delta), abs(b), abs(c)))
         delta, b, c = delta * per_unit, b * per_unit, c * per_unit
         square = delta * delta + b * c
-        size, real = math.sqrt(abs(square)), square >= 0.0
+        size, real = np.sqrt(abs(square)), square >= 0.0
         across, along = unit * size + zero if real else zero, zero if real else unit * size + zero
         spectra[4 * t], spectra[4 * t + 1] = mean + across, along
         spectra[4 * t + 2], spectra[4 * t + 3] = mean - across, 0.0 - along
         stiff += int(abs(abs(mean) - across) < STIFF * (abs(mean) + across))
         if vectors:
             # real roots: |delta + root|^2 + |delta - root|^2 is the same
-            norm = math.sqrt(2.0 * (delta * delta + size * size) + b * b + c * c)
-            shared = 2.0 * (max(size, abs(delta)) if real else math.sqrt(size * size + delta * delta))
+            norm = np.sqrt(2.0 * (delta * delta + size * size) + b * b + c * c)
+            shared = 2.0 * (max(size, abs(delta)) if real else np.sqrt(size * size + delta * delta))
             defective = not 2.0 * size * eigen.max_condition * UNITS >= norm
             guarded = defective or not 2.0 * size * eigen.max_condition >= shared
             over = 1.0 / ((norm if defective else shared) / eigen.max_condition if guarded else 2.0 * size)

@@ -1,34 +1,34 @@
 """Activations: their values against many digits, their derivatives against autograd."""
 
 import mpmath
-import numba
 import numpy as np
 import pytest
 import torch
 
 from eigenode_cli.engines.compiled import activations
 from eigenode_cli.engines.compiled.memory import start_of
+from eigenode_cli.jit import njit
 from tests.engines.compiled import oracle
 
 
-@numba.njit
+@njit
 def tanh_of(x, y):
     for i in range(x.size):
         y[i] = activations.tanh(x[i])
 
 
-@numba.njit
+@njit
 def expm1_of(x, y):
     for i in range(x.size):
         y[i] = activations.expm1(x[i])
 
 
-@numba.njit
+@njit
 def activate_of(code, z, slope, curve):
     activations.activate_twice(code, z.size, start_of(z), start_of(slope), start_of(curve))
 
 
-@numba.njit
+@njit
 def activate_once_of(code, z, slope):
     activations.activate(code, z.size, start_of(z), start_of(slope))
 

@@ -1,6 +1,5 @@
 """Spectra and their pullback, each eigenvalue by itself, at good and at bad matrices."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -12,9 +11,10 @@ from eigenode_cli.engines.compiled.spectrum import (
     take_closed_forms,
     take_spectrum,
 )
+from eigenode_cli.jit import njit
 
 
-@numba.njit
+@njit
 def take(eigen, a, vectors, spectrum):
     if eigen.n == 2:
         fired = take_closed_forms(eigen, 2, 1, 1, start_of(a), 0, 1, vectors)
@@ -25,7 +25,7 @@ def take(eigen, a, vectors, spectrum):
     return fired
 
 
-@numba.njit
+@njit
 def pull_back(eigen, slope, bar_a):
     slopes, m = start_of(slope.view(np.float64)), bar_a.shape[0]
     if eigen.n == 2:
