@@ -65,7 +65,7 @@ class TorchEngine:
     def loss_jacobian(self, theta: Floats, steps: list[float] | None = None) -> LossJacobian:
         """See `Engine.loss_jacobian`; `steps` holds the solver to given step sizes."""
         load_flat(self.field, theta)
-        forward = self._forward(self.problem.terms, steps, recorded=False)
+        forward = self._forward(self.problem.terms, steps)
         values = np.array([float(forward.values[term].detach()) for term in self.problem.terms])
         gradients = np.stack([self._gradient(forward.values[term]) for term in self.problem.terms])
         return LossJacobian(
@@ -99,7 +99,7 @@ class TorchEngine:
             dense=dense,
         )
 
-    def _forward(self, terms: tuple[str, ...], steps: list[float] | None, recorded: bool) -> _Forward:
+    def _forward(self, terms: tuple[str, ...], steps: list[float] | None, recorded: bool = False) -> _Forward:
         problem = self.problem
         trajectory = (
             solve(self.field, self._start, self._times, problem.solver, steps)

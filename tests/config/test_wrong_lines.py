@@ -84,7 +84,7 @@ WRONG = [
         "trainer.pretrain=frq: no target has a pair: frq has no effect",
     ),
     (
-        "train -m system=oscillator system.c=9 system.d=0.5,20 grads=sol,sol+frq,sol+dmp",
+        "train -m system=oscillator system.c=9 system.d=0.5,20 grads=sol,sol+frq",
         "grads=sol+frq: no target has a pair: frq has no effect",
     ),
     (
