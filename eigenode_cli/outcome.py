@@ -7,14 +7,14 @@ import torch
 
 from eigenode_cli.config.schema import StatedTargetConfig, TargetConfig, TruthTargetConfig
 from eigenode_cli.data import Data, Floats
-from eigenode_cli.engines.base import Complexes, Engine
+from eigenode_cli.engines.base import Engine
 from eigenode_cli.field import VectorField
 from eigenode_cli.problem import Problem
 from eigenode_cli.recorder import write_table
-from eigenode_cli.reference import reference_solution, truth_spectra
+from eigenode_cli.reference import reference_solution, stated_spectrum, truth_spectra
 from eigenode_cli.spectra.eig import eig
 from eigenode_cli.spectra.jacobian import jacobian
-from eigenode_cli.spectra.pairs import UNMATCHED
+from eigenode_cli.spectra.pairs import UNMATCHED, rounding_levels, without_rounding
 from eigenode_cli.spectra.tracking import assign, track
 from eigenode_cli.systems import System
 
@@ -35,14 +35,6 @@ def write_solution(folder: Path, system: System, engine: Engine, theta: Floats, 
     write_table(folder / "solution.csv", header, rows)
 
 
-def stated_spectrum(target: StatedTargetConfig) -> Complexes:
-    """Eigenvalues `(2 K,)` of stated pairs: `|lambda| = 2 pi f / sqrt(1 - d^2)`, `Re lambda = -d |lambda|`."""
-    imag = 2.0 * np.pi * np.asarray(target.frequency, dtype=np.float64)
-    ratio = np.asarray(target.damping, dtype=np.float64)
-    upper = -ratio * imag / np.sqrt(1.0 - ratio**2) + 1j * imag
-    return np.concatenate([upper, upper.conj()])
-
-
 def write_eigenvalues(
     folder: Path,
     system: System,
@@ -61,13 +53,15 @@ def write_eigenvalues(
     vectors = np.full((count, n, n), np.nan, dtype=np.complex128)
     with torch.no_grad():
         method = "symbolic" if field.has_symbolic_jacobian else problem.jacobian
-        matrices = jacobian(field, torch.from_numpy(states[reached]), method)
+        sizes = torch.from_numpy(np.abs(problem.data.states).max(axis=0))
+        matrices = jacobian(field, torch.from_numpy(states[reached]), method, sizes)
         result = eig(matrices, problem.max_condition)
-    spectra[reached], vectors[reached] = result.eigenvalues.numpy(), result.eigenvectors.numpy()
+    spectra[reached] = without_rounding(result.eigenvalues.numpy(), rounding_levels(matrices.numpy()))
+    vectors[reached] = result.eigenvectors.numpy()
     order = track(spectra, vectors)
     spectra = np.take_along_axis(spectra, order, axis=1)
     if isinstance(target, StatedTargetConfig):
-        targets = np.tile(stated_spectrum(target), (count, 1))
+        targets = np.tile(stated_spectrum(target.frequency, target.damping)[0], (count, 1))
     elif isinstance(target, TruthTargetConfig):
         truth = reference_solution(system, problem.initial_state, times)
         targets = truth_spectra(system, truth, target.frequency_factor)

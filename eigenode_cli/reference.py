@@ -8,7 +8,14 @@ from scipy.integrate import OdeSolution, solve_ivp
 
 from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Complexes
-from eigenode_cli.spectra.pairs import REAL, find_partners
+from eigenode_cli.spectra.pairs import (
+    REAL,
+    ROUNDING,
+    find_partners,
+    rounding_levels,
+    target_eigenvalue,
+    without_rounding,
+)
 from eigenode_cli.systems.base import System
 from eigenode_cli.terms.stf import stiffness_ratio
 
@@ -65,21 +72,25 @@ def with_noise(data: Data, share: float, seed: int) -> Data:
     return replace(data, states=np.where(data.mask, data.states + noise, data.states))
 
 
-def targets_of_spectra(spectra: np.ndarray) -> Targets:
-    """Targets as they follow from given spectra `(T, n)` in 1/s: pairs, their frequency and damping, stiffness."""
+def targets_of_spectra(spectra: Complexes, levels: Floats | None = None) -> Targets:
+    """Targets as they follow from given spectra `(T, n)` in 1/s: pairs, their frequency and damping, stiffness.
+
+    `levels (T,)` are their rounding levels in 1/s, None for spectra that are exact.
+    """
+    levels = np.zeros(spectra.shape[0]) if levels is None else levels
     count, n = spectra.shape
     frequency = np.full((count, max(1, n // 2)), np.nan)
     damping = np.full_like(frequency, np.nan)
     pairs = np.zeros(count, dtype=np.int64)
     stiffness = np.zeros((count, 2))
     partner = np.empty(n, dtype=np.int64)
-    for t, spectrum in enumerate(np.ascontiguousarray(spectra)):
-        pairs[t] = find_partners(spectrum, partner)
+    for t, (spectrum, level) in enumerate(zip(np.ascontiguousarray(spectra), levels.tolist(), strict=True)):
+        pairs[t] = find_partners(spectrum, level, partner)
         upper = spectrum[(partner != REAL) & (spectrum.imag > 0.0)]
         upper = upper[np.argsort(upper.imag, kind="stable")]
         frequency[t, : upper.size] = upper.imag / (2.0 * np.pi)
         damping[t, : upper.size] = -upper.real / np.abs(upper)
-        stiffness[t] = stiffness_ratio(spectrum)
+        stiffness[t] = stiffness_ratio(spectrum, level)
     return Targets(frequency=frequency, damping=damping, pairs=pairs, stiffness=stiffness)
 
 
@@ -89,26 +100,42 @@ def truth_spectra(system: System, states: Floats, frequency_factor: float) -> Co
     With a `frequency_factor` other than 1 they are wrong on purpose: each pair has its frequency times the factor, and
     its damping ratio, so that it is scaled as a whole; real eigenvalues stay.
     """
-    spectra = np.linalg.eigvals(system.jacobian(states)).astype(np.complex128)
-    return np.where(spectra.imag == 0.0, spectra, frequency_factor * spectra)
+    return _truth(system, states, frequency_factor)[0]
 
 
 def truth_targets(system: System, states: Floats, frequency_factor: float = 1.0) -> Targets:
     """Targets of `truth_spectra`."""
-    return targets_of_spectra(truth_spectra(system, states, frequency_factor))
+    return targets_of_spectra(*_truth(system, states, frequency_factor))
+
+
+def _truth(system: System, states: Floats, frequency_factor: float) -> tuple[Complexes, Floats]:
+    """`truth_spectra` and their rounding levels `(T,)`, which scale with a spectrum's pairs."""
+    matrices = system.jacobian(states)
+    levels = rounding_levels(matrices)
+    spectra = without_rounding(np.linalg.eigvals(matrices).astype(np.complex128), levels)
+    return np.where(spectra.imag == 0.0, spectra, frequency_factor * spectra), levels * min(frequency_factor, 1.0)
+
+
+def stated_spectrum(frequency: list[float], damping: list[float]) -> tuple[Complexes, float]:
+    """Eigenvalues `(2 K,)` in 1/s of stated pairs, upper members first, and their rounding level in 1/s.
+
+    The size behind that level is that of the normal matrix with these eigenvalues: their 2-norm.
+    """
+    pairs = zip(frequency, damping, strict=True)
+    upper = np.array([target_eigenvalue(*pair) for pair in pairs], dtype=np.complex128)
+    spectrum = np.concatenate([upper, upper.conj()])
+    return spectrum, ROUNDING * float(np.linalg.norm(spectrum))
 
 
 def stated_targets(frequency: list[float], damping: list[float], count: int) -> Targets:
     """Targets stated by the user, the same for `count` spectra: damped frequencies in Hz and damping ratios.
 
-    The stiffness ratio is that of the stated pairs, `max|Re| / min|Re|`.
+    The stiffness ratio is that of the stated pairs, `max|Re| / min|Re|`; there is none without a pair.
     """
     order = np.argsort(frequency, kind="stable")
     damped = np.asarray(frequency, dtype=np.float64)[order]
     ratio = np.asarray(damping, dtype=np.float64)[order]
-    real = 2.0 * np.pi * damped * ratio / np.sqrt(np.maximum(1.0 - ratio**2, np.finfo(np.float64).tiny))
-    size = np.abs(real)
-    stiffness = np.inf if size.min() == 0.0 < size.max() else 1.0 if size.max() == 0.0 else size.max() / size.min()
+    stiffness = stiffness_ratio(*stated_spectrum(frequency, damping)) if frequency else np.inf
     return Targets(
         frequency=np.tile(damped, (count, 1)),
         damping=np.tile(ratio, (count, 1)),

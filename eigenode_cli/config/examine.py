@@ -16,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
 from eigenode_cli.config.composer import DIFFERENCES, Composer, explain, hydra_values
+from eigenode_cli.config.ineffective import target_faults
 from eigenode_cli.config.useless import useless_options
 from eigenode_cli.config.values import value_faults
 from eigenode_cli.errors import UserError, nearest, unknown
@@ -91,7 +92,15 @@ def examine(composer: Composer, words: Sequence[str]) -> Examined:
             single.append(override)
     found = examine_overrides(composer, single)
     found.faults[:0] = faults
+    if not (found.faults or found.useless):
+        found.faults += without_effect(found)
     return found
+
+
+def without_effect(examined: Examined) -> list[str]:
+    """Faults of what has no effect on this system, of a configuration without other faults."""
+    config = examined.config
+    return [] if config is None else target_faults(_resolved(config))
 
 
 def examine_overrides(composer: Composer, overrides: Sequence[Override]) -> Examined:
@@ -121,17 +130,23 @@ def examine_overrides(composer: Composer, overrides: Sequence[Override]) -> Exam
 
 
 def _examine_config(config: DictConfig, values: Sequence[Override], faults: list[str]) -> Examined:
-    resolved = copy.deepcopy(config)
     try:
-        with hydra_values(config), open_dict(resolved):
-            del resolved["hydra"]
-            OmegaConf.resolve(resolved)
+        resolved = _resolved(config)
     except OmegaConfBaseException as error:
         typed = next((_line(override) for override in values if "${" in _line(override)), None)
         return Examined(config, [*faults, f"{typed or error.full_key}: {explain(error)}"])
     wrong = value_faults(resolved)
     useless = {} if wrong or faults else useless_options(resolved, [*_typed_keys(values)])
     return Examined(config, [*faults, *wrong], useless)
+
+
+def _resolved(config: DictConfig) -> DictConfig:
+    """A copy with every interpolation resolved, without the `hydra` node."""
+    resolved = copy.deepcopy(config)
+    with hydra_values(config), open_dict(resolved):
+        del resolved["hydra"]
+        OmegaConf.resolve(resolved)
+    return resolved
 
 
 def _choice_fault(composer: Composer, override: Override, paths: list[str]) -> str | None:

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from eigenode_cli.config.compose import finalise
 from eigenode_cli.config.composer import Composer, hydra_values
-from eigenode_cli.config.examine import Examined, examine_overrides, parse
+from eigenode_cli.config.examine import Examined, examine_overrides, parse, without_effect
 from eigenode_cli.paths import slug
 
 Words = tuple[str, ...]
@@ -77,6 +77,8 @@ def examine_sweep(composer: Composer, ground: DictConfig, words: Sequence[str]) 
     checked = list(found.values())
     faults += [fault for examined in checked for fault in examined.faults]
     useless = {key: fault for key, fault in checked[0].useless.items() if all(key in job.useless for job in checked)}
+    if not (faults or useless):
+        faults = [fault for examined in checked for fault in without_effect(examined)]
     result = ExaminedSweep(checked[0].config, list(dict.fromkeys(faults)), useless)
     if not result.faults:
         configs = {key: config for key, examined in found.items() if (config := examined.config) is not None}

@@ -15,9 +15,19 @@ from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import Trajectory, solve
 from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.jacobian import jacobian
+from eigenode_cli.spectra.pairs import rounding_levels
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
 from eigenode_cli.terms.user import UserTerm
+
+
+@dataclass(frozen=True)
+class _Spectra:
+    """Eigenvalues `(T, n)` in 1/s with their graph, rounding levels `(T,)`, and firings of the guard."""
+
+    eigenvalues: Tensor
+    levels: Floats
+    guard_count: int
 
 
 @dataclass(frozen=True)
@@ -50,6 +60,7 @@ class TorchEngine:
         self._times = torch.from_numpy(problem.data.times)
         self._seen = torch.from_numpy(problem.data.seen)
         self._start = torch.from_numpy(problem.initial_state)
+        self._sizes = torch.from_numpy(np.abs(problem.data.states).max(axis=0))
 
     def loss_jacobian(self, theta: Floats, steps: list[float] | None = None) -> LossJacobian:
         """See `Engine.loss_jacobian`; `steps` holds the solver to given step sizes."""
@@ -76,7 +87,7 @@ class TorchEngine:
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         """See `Engine.evaluate`."""
         load_flat(self.field, theta)
-        forward = self._forward((*NAMES, *self.user_terms), None)
+        forward = self._forward((*NAMES, *self.user_terms), None, recorded=True)
         dense = solve(self.field, self._start, torch.from_numpy(times), self.problem.solver).padded(times.size)
         return Evaluation(
             values=np.array([float(value) for value in forward.values.values()]),
@@ -88,7 +99,7 @@ class TorchEngine:
             dense=dense,
         )
 
-    def _forward(self, terms: tuple[str, ...], steps: list[float] | None) -> _Forward:
+    def _forward(self, terms: tuple[str, ...], steps: list[float] | None, recorded: bool = False) -> _Forward:
         problem = self.problem
         trajectory = (
             solve(self.field, self._start, self._times, problem.solver, steps)
@@ -99,35 +110,44 @@ class TorchEngine:
         reached = int(np.searchsorted(index, trajectory.states.shape[0]))
         along = np.full((index.size, self._start.numel()), np.nan, dtype=np.complex128)
         if terms == ("sol",):
-            nothing = torch.empty((0, self._start.numel()), dtype=torch.complex128)
-            return _Forward(self._values(terms, trajectory, nothing, problem.targets), trajectory, along, 0)
-        spectra, guard_count = self._spectra(trajectory.states[index[:reached]])
-        along[:reached] = spectra.detach().numpy()
+            nothing = _Spectra(torch.empty((0, self._start.numel()), dtype=torch.complex128), np.empty(0), 0)
+            return _Forward(self._values(terms, trajectory, nothing, problem.targets, recorded), trajectory, along, 0)
+        spectra = self._spectra(trajectory.states[index[:reached]])
+        along[:reached] = spectra.eigenvalues.detach().numpy()
         targets = problem.targets
         if trajectory.status is not Status.OK and problem.stabilise:
             row = problem.stabilising_rows(trajectory.states.detach().numpy())
             states = np.concatenate([trajectory.states.detach().numpy()[index[row]], problem.data.states[index]])
-            spectra, guard_count = self._spectra(torch.from_numpy(states))
+            spectra = self._spectra(torch.from_numpy(states))
             targets = targets.rows(np.concatenate([row, np.arange(index.size)]))
-        values = self._values(terms, trajectory, spectra, targets)
-        return _Forward(values, trajectory, along, guard_count)
+        values = self._values(terms, trajectory, spectra, targets, recorded)
+        return _Forward(values, trajectory, along, spectra.guard_count)
 
-    def _spectra(self, states: Tensor) -> tuple[Tensor, int]:
-        matrices = jacobian(self.field, states, self.problem.jacobian)
+    def _spectra(self, states: Tensor) -> _Spectra:
+        matrices = jacobian(self.field, states, self.problem.jacobian, self._sizes)
         values, fired = eigvals(matrices, self.problem.max_condition)
-        return values, int(fired.sum())
+        return _Spectra(values, rounding_levels(matrices.detach().numpy()), int(fired.sum()))
 
     def _values(
-        self, terms: tuple[str, ...], trajectory: Trajectory, spectra: Tensor, targets: Targets
+        self, terms: tuple[str, ...], trajectory: Trajectory, spectra: _Spectra, targets: Targets, recorded: bool
     ) -> dict[str, Tensor]:
-        """The named terms, NaN where a failed solve leaves them undefined."""
+        """The named terms, NaN where a failed solve leaves them undefined, or there is nothing to record."""
         problem = self.problem
         undefined = torch.tensor(np.nan, dtype=torch.float64)
         values = dict.fromkeys(terms, undefined)
         solved = trajectory.status is Status.OK
         if solved or problem.stabilise:
             spectral = [term for term in terms if term in NAMES[1:]]
-            vector = spectral_values(spectra, spectral, targets, problem.margin, problem.errors, problem.huber_delta)
+            vector = spectral_values(
+                spectra.eigenvalues,
+                spectral,
+                targets,
+                problem.margin,
+                problem.errors,
+                problem.huber_delta,
+                spectra.levels,
+                recorded,
+            )
             values.update(zip(spectral, vector, strict=True))
         if solved and "sol" in values:
             values["sol"] = solution_term(trajectory.states, problem.data, problem.errors[0], problem.huber_delta)
@@ -135,7 +155,7 @@ class TorchEngine:
             if name in values and (solved or (problem.stabilise and not term.needs_solve)):
                 values[name] = term(
                     trajectory=trajectory.states,
-                    spectra=spectra,
+                    spectra=spectra.eigenvalues,
                     times=self._times,
                     data=self._seen,
                     field=self.field,

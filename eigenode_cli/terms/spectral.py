@@ -6,7 +6,7 @@ from eigenode_cli.terms.dmp import dmp
 from eigenode_cli.terms.frq import frq
 from eigenode_cli.terms.osc import osc
 from eigenode_cli.terms.stb import stb
-from eigenode_cli.terms.stf import stf
+from eigenode_cli.terms.stf import has_ratio, stf
 
 SOL, FRQ, DMP, STB, OSC, STF = range(6)
 """Codes of the terms; their order is the canonical one."""
@@ -16,6 +16,7 @@ SOL, FRQ, DMP, STB, OSC, STF = range(6)
 def spectral_terms(
     codes,
     spectra,
+    levels,
     frequency,
     damping,
     pairs,
@@ -25,17 +26,19 @@ def spectral_terms(
     delta,
     values,
     slopes,
+    compared,
     partner,
     match,
 ):
     """Mean over all spectra of each named spectral term, and its derivative in every eigenvalue.
 
     A spectrum that is not finite (the solve or the eigenvalue routine did not get there) contributes nothing and is
-    not counted.
+    not counted. A term that has nothing to compare at any spectrum has the value and slopes zero; `compared` tells.
 
     Args:
         codes: terms to evaluate `(L,)`, each one of FRQ, DMP, STB, OSC, STF; others are left at zero.
         spectra: eigenvalues `(T, n)` in 1/s.
+        levels: up to where a part of an eigenvalue counts as zero (`pairs.rounding_level`), in 1/s `(T,)`.
         frequency, damping: targets `(T, K)` in Hz and 1, ascending in frequency, NaN behind the last.
         pairs: number of pairs of the target `(T,)`.
         stiffness: corridor of the stiffness ratio `(T, 2)`.
@@ -43,6 +46,7 @@ def spectral_terms(
         errors: error function of each of the six terms `(6,)`; `delta` is Huber's threshold.
         values: filled with the terms `(L,)`.
         slopes: filled with `dl/dRe + i dl/dIm` `(L, T, n)`.
+        compared: filled with the number of spectra at which each term had something to compare `(L,)`.
         partner, match: working space `(n,)`.
 
     Returns:
@@ -50,26 +54,33 @@ def spectral_terms(
     """
     values[:] = 0.0
     slopes[:] = 0.0
+    compared[:] = 0
     counted = 0
     for t in range(spectra.shape[0]):
-        spectrum = spectra[t]
+        spectrum, level = spectra[t], levels[t]
         if not _is_finite(spectrum):
             continue
         counted += 1
-        find_partners(spectrum, partner)
-        match_targets(spectrum, partner, frequency[t], match)
+        find_partners(spectrum, level, partner)
+        matched = match_targets(spectrum, partner, frequency[t], damping[t], match)
         for k in range(codes.size):
-            code, slope = codes[k], slopes[k, t]
+            code, slope, defined = codes[k], slopes[k, t], False
             if code == FRQ:
                 values[k] += frq(spectrum, match, frequency[t], errors[FRQ], delta, slope)
+                defined = matched > 0
             elif code == DMP:
                 values[k] += dmp(spectrum, match, damping[t], errors[DMP], delta, slope)
+                defined = matched > 0
             elif code == STB:
                 values[k] += stb(spectrum, margin, errors[STB], delta, slope)
+                defined = True
             elif code == OSC:
                 values[k] += osc(spectrum, partner, pairs[t], errors[OSC], delta, slope)
+                defined = pairs[t] > 0
             elif code == STF:
-                values[k] += stf(spectrum, stiffness[t], errors[STF], delta, slope)
+                values[k] += stf(spectrum, level, stiffness[t], errors[STF], delta, slope)
+                defined = has_ratio(spectrum, level, stiffness[t])
+            compared[k] += int(defined)
     if counted > 0:
         values /= counted
         _divide(slopes, counted)

@@ -7,20 +7,29 @@ from eigenode_cli.terms.errors import error_slope, error_value
 
 
 @njit
-def stiffness_ratio(spectrum):
-    """`max|Re| / min|Re|` of one spectrum `(n,)`: 1 for a single pair, infinite where a real part is 0."""
+def stiffness_ratio(spectrum, level):
+    """`max|Re| / min|Re|` of one spectrum `(n,)`: 1 for a single pair, infinite where a real part is 0.
+
+    A real part counts as 0 up to `level` in 1/s (`pairs.rounding_level`): what is left of it then is rounding.
+    """
     largest, smallest = 0.0, math.inf
     for i in range(spectrum.size):
         size = abs(spectrum[i].real)
         largest = max(largest, size)
         smallest = min(smallest, size)
-    if smallest == 0.0:
-        return 1.0 if largest == 0.0 else math.inf
+    if smallest <= level:
+        return 1.0 if largest <= level else math.inf
     return largest / smallest
 
 
 @njit
-def stf(spectrum, corridor, error, delta, slope):
+def has_ratio(spectrum, level, corridor):
+    """Whether STF has something to compare: a finite ratio, and a finite corridor `(2,)`."""
+    return math.isfinite(stiffness_ratio(spectrum, level)) and math.isfinite(corridor[0]) and math.isfinite(corridor[1])
+
+
+@njit
+def stf(spectrum, level, corridor, error, delta, slope):
     """`eps(max|Re| / min|Re| - sigma)` at one time; sigma is the nearest point of the corridor `[low, high]`.
 
     A ratio or a corridor that is not finite contributes nothing: the truth's ratio is infinite where a real part of
@@ -28,6 +37,7 @@ def stf(spectrum, corridor, error, delta, slope):
 
     Args:
         spectrum: eigenvalues `(n,)` in 1/s.
+        level: up to where a real part counts as zero, in 1/s.
         corridor: smallest and largest accepted ratio `(2,)`; equal for a value to be met.
         error, delta: error function (see `errors`) and Huber's threshold.
         slope: filled with `dl/dRe + i dl/dIm` of every eigenvalue `(n,)`.
@@ -40,9 +50,9 @@ def stf(spectrum, corridor, error, delta, slope):
             top = i
         if abs(spectrum[i].real) < abs(spectrum[bottom].real):
             bottom = i
-    ratio = stiffness_ratio(spectrum)
-    if not (math.isfinite(ratio) and math.isfinite(corridor[0]) and math.isfinite(corridor[1])):
+    if not has_ratio(spectrum, level, corridor):
         return 0.0
+    ratio = stiffness_ratio(spectrum, level)
     difference = ratio - min(max(ratio, corridor[0]), corridor[1])
     # where all real parts have one modulus (a single pair) the ratio stands at its minimum 1: no direction to go
     if ratio > 1.0:

@@ -58,16 +58,25 @@ def spectral_values(
     margin: float,
     errors: np.ndarray,
     huber_delta: float,
+    levels: np.ndarray | None = None,
+    recorded: bool = False,
 ) -> Tensor:
-    """The named spectral terms `(L,)` of `spectra (T, n)` in 1/s; arguments as in `spectral_terms`."""
+    """The named spectral terms `(L,)` of `spectra (T, n)` in 1/s; arguments as in `spectral_terms`.
+
+    Args:
+        levels: rounding levels `(T,)` in 1/s; None for spectra that are exact.
+        recorded: whether a term that has nothing to compare is NaN, as it is recorded, not zero, as it trains.
+    """
     eigenvalues = np.ascontiguousarray(spectra.detach().resolve_conj().numpy())
     count, n = eigenvalues.shape
     values = np.empty(len(terms))
     slopes = np.empty((len(terms), count, n), dtype=np.complex128)
+    compared = np.empty(len(terms), dtype=np.int64)
     space = np.empty((2, n), dtype=np.int64)
     counted = spectral_terms(
         np.array([NAMES.index(term) for term in terms], dtype=np.int64),
         eigenvalues,
+        np.zeros(count) if levels is None else levels,
         targets.frequency,
         targets.damping,
         targets.pairs,
@@ -77,9 +86,12 @@ def spectral_values(
         huber_delta,
         values,
         slopes,
+        compared,
         space[0],
         space[1],
     )
     if counted == 0:
         values[:] = np.nan
+    elif recorded:
+        values[compared == 0] = np.nan
     return _Linearised.apply(spectra, torch.from_numpy(values), torch.from_numpy(slopes))

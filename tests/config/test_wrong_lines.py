@@ -72,6 +72,29 @@ WRONG = [
         "target.damping=[1]: must be above -1 and belo",
     ),
     ("train target=stated grads=frq", "grads=frq: frq has nothing to meet; state target.frequency and target.damping"),
+    (
+        "train system=oscillator system.c=9 system.d=20 grads=frq+dmp",
+        "grads=frq+dmp: no target has a pair: frq, dmp have no effect; the truth's eigenvalues are real at all data",
+    ),
+    ("train system=oscillator system.c=9 system.d=6 grads=sol+osc", "grads=sol+osc: no target has a pair: osc has no"),
+    ("train system=oscillator system.c=25 system.d=10 grads=sol+frq", "grads=sol+frq: no target has a pair: frq has"),
+    (
+        "train system=oscillator system.c=2 system.d=2.8284271247461903 grads=sol trainer.pretrain=frq"
+        " trainer.pretrain_steps=5",
+        "trainer.pretrain=frq: no target has a pair: frq has no effect",
+    ),
+    (
+        "train -m system=oscillator system.c=9 system.d=0.5,20 grads=sol,sol+frq",
+        "grads=sol+frq: no target has a pair: frq has no effect",
+    ),
+    (
+        "train system=oscillator system.c=0 grads=sol+stf",
+        "grads=sol+stf: no target has a finite stiffness ratio: stf has no effect; state target.stiffness=[low,high]",
+    ),
+    (
+        "train target=stated grads=frq target.frequency=[1.0] target.damping=[0.9999999999999999]",
+        "target.frequency=[1.0] target.damping=[0.9999999999999999]: the pair of 1.0 Hz with damping",
+    ),
     ("train target=stated grads=stf", "grads=stf: stf has nothing to meet; state target.stiffness=[low,high]"),
     (
         "train trainer.pretrain_steps=9",

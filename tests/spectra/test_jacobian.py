@@ -94,6 +94,26 @@ def test_finite_difference_step_follows_the_size_of_the_state(size):
     torch.testing.assert_close(found.squeeze(), torch.tensor(2.0 * size, dtype=torch.float64), rtol=1e-9, atol=1e-10)
 
 
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 1.0, 1e6])
+@pytest.mark.parametrize("scaled", [True, False], ids=["field of that size", "field of size 1"])
+def test_finite_difference_at_states_of_any_size(size, scaled):
+    """A field that varies over the states' own size, and one that hardly varies over it (or much faster)."""
+    generator = torch.Generator().manual_seed(5)
+    first, last = (torch.randn(*shape, dtype=torch.float64, generator=generator) for shape in ((8, 2), (2, 8)))
+    width = size if scaled else max(1.0, size)
+    field = lambda x: torch.tanh(x @ first.T / width + 0.3) @ last.T  # noqa: E731
+    x, sizes = size * states(20), torch.full((2,), 2.0 * size, dtype=torch.float64)
+    exact = jacobian(field, x, "autodiff")
+    found = jacobian(field, x, "finite_difference", sizes)
+    assert float((found - exact).norm() / exact.norm()) < 1e-6
+
+
+def test_finite_difference_where_a_state_is_always_zero():
+    sizes = torch.tensor([0.0, 2.0], dtype=torch.float64)
+    found = jacobian(Pendulum(), states(3), "finite_difference", sizes)
+    torch.testing.assert_close(found, Pendulum().jacobian(states(3)), rtol=0, atol=1e-8)
+
+
 @pytest.mark.parametrize("method", ["autodiff", "finite_difference"])
 def test_a_constant_field_has_a_zero_jacobian(method):
     found = jacobian(torch.zeros_like, states(3), method)

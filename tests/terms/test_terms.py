@@ -82,7 +82,7 @@ def matched(model: list[Tensor], goal: list[Tensor]) -> list[tuple[Tensor, Tenso
     if len(model) == len(goal):
         return list(zip(model, goal, strict=True))
     if len(model) == 1:
-        return [(model[0], min(goal, key=lambda g: abs(g.imag.item() - model[0].imag.item())))]
+        return [(model[0], min(goal, key=lambda g: abs(g.item() - model[0].item())))]
     assert not model
     return []
 
@@ -178,6 +178,42 @@ def test_stiffness_corridor() -> None:
         assert float(value_of("stf", REAL, targets)) == pytest.approx(value)
 
 
+def recorded(term: str, model: Tensor, targets: Targets) -> float:
+    return float(spectral_values(model, [term], targets, 0.0, errors("mae"), DELTA, recorded=True)[0])
+
+
+@pytest.mark.parametrize(
+    ("term", "model", "goal"),
+    [
+        ("frq", REAL, PAIR),
+        ("dmp", REAL, PAIR),
+        ("frq", PAIR, REAL),
+        ("dmp", PAIR, REAL),
+        ("osc", REAL, REAL),
+        ("osc", PAIR, REAL),
+        ("stf", spectrum(0.0, -1.0), PAIR),
+        ("stf", PAIR, spectrum(0.0, -1.0)),
+    ],
+)
+def test_where_nothing_can_be_compared_nothing_is_recorded_and_zero_trains(
+    term: str, model: Tensor, goal: Tensor
+) -> None:
+    targets = targets_of_spectra(goal.numpy())
+    lam = model.clone().requires_grad_()
+    value = value_of(term, lam, targets)
+    assert value.item() == 0.0
+    assert not torch.autograd.grad(value, lam)[0].any()
+    assert math.isnan(recorded(term, model, targets))
+    # one spectrum with something to compare is enough
+    both = targets_of_spectra(torch.cat([goal, PAIR]).numpy())
+    assert recorded(term, torch.cat([model, PAIR]), both) == 0.0
+
+
+def test_what_was_compared_and_fits_is_recorded_as_zero() -> None:
+    targets = targets_of_spectra(PAIR.numpy())
+    assert [recorded(term, PAIR, targets) for term in NAMES[1:]] == [0.0] * 5
+
+
 def test_infinite_stiffness_contributes_nothing() -> None:
     infinite = targets_of_spectra(spectrum(0.0, -1.0).numpy())
     assert np.isinf(infinite.stiffness).all()
@@ -211,7 +247,7 @@ def test_solution_term_is_the_mean_over_what_is_observed() -> None:
     st.lists(st.floats(0.1, 9.0), min_size=1, max_size=5, unique=True),
 )
 def test_matching_is_the_optimal_assignment(model: list[float], goal: list[float]) -> None:
-    """Dynamic programming over the sorted lists finds what SciPy's assignment finds."""
+    """All modes have one real part, so that distances are differences of frequency."""
     n = 2 * len(model)
     lam = np.array([[sign * 2j * math.pi * f - 0.1 for f in model for sign in (1, -1)]])
     targets = targets_of_spectra(np.array([[sign * 2j * math.pi * f - 0.1 for f in goal for sign in (1, -1)]]))

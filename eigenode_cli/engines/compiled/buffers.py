@@ -160,6 +160,7 @@ def build_core(
         slopes=owner.keep(shared.slopes),
         solution_slope=owner.floats(outputs, n),
         user_slopes=owner.keep(shared.user_slopes),
+        compared=owner.zeros(max(terms, len(NAMES)), np.int64),
         partner=owner.zeros(n, np.int64),
         match=owner.zeros(n, np.int64),
         channel=owner.zeros(terms, np.int64),
@@ -230,6 +231,7 @@ def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen
         n=n,
         max_condition=float(max_condition),
         spectra=owner.zeros(count * n, np.complex128),
+        levels=owner.floats(count),
         capacity=count,
         forms=owner.floats(6, count if n == 2 else 0),
         left=owner.zeros(vectors, np.complex128),
@@ -247,6 +249,7 @@ def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen
         routine=int(DGEEV),
         cluster=_build_cluster(owner, n),
     )
+    return label(eigen)
 
 
 def _build_cluster(owner: Owner, n: int) -> Cluster:
@@ -267,4 +270,3 @@ def _build_cluster(owner: Owner, n: int) -> Cluster:
         balance=int(DGEBAL),
         decompose=int(ZGESVD),
     )
-    return label(eigen)

@@ -66,6 +66,7 @@ class Work(NamedTuple):
         scratch: of the pullback of a block.
         slopes: of the terms in the eigenvalues `(L, T, n)`, or `(L, 2 T, n)` after a failed solve.
         solution_slope: of SOL in the trajectory `(N, n)`; `user_slopes` of the user's terms `(U, N, n)`.
+        compared: at how many spectra each term had something to compare `(L,)`.
         partner, match: of the terms `(n,)`.
         channel: number of the channel of each term in the pullback, -1 for none `(L,)`.
         outcome: see above `(6,)`.
@@ -84,6 +85,7 @@ class Work(NamedTuple):
     slopes: int
     solution_slope: int
     user_slopes: int
+    compared: int
     partner: int
     match: int
     channel: int

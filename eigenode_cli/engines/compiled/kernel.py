@@ -115,10 +115,15 @@ def solve(core, steps, given, times, states):
 def evaluate(core, steps, given, codes, values, states, spectra, dense_steps, dense_given, times, dense):
     """`forward` without what a pullback needs, and `solve` at other times: a record of the training in one call.
 
+    A term that has nothing to compare, which trains as zero, is recorded as NaN.
+
     Returns:
         How the two ended.
     """
     status = forward(core, steps, given, codes, False, values, states, spectra)
+    for term in range(codes.size):
+        if codes[term] > SOL and integers(core.work.compared, 0)[term] == 0:
+            values[term] = math.nan
     return status, solve(core, dense_steps, dense_given, times, dense)
 
 
@@ -132,6 +137,7 @@ def _evaluate_terms(core, codes, values, states):
     counted = spectral_terms(
         codes,
         carray(complexes(core.eigen.spectra, 0), (count, n)),
+        carray(doubles(core.eigen.levels, 0), (count,)),
         carray(doubles(setup.frequency, 0), (count, setup.pair_count)),
         carray(doubles(setup.damping, 0), (count, setup.pair_count)),
         carray(integers(setup.pairs, 0), (count,)),
@@ -141,6 +147,7 @@ def _evaluate_terms(core, codes, values, states):
         setup.delta,
         values,
         carray(complexes(work.slopes, 0), (codes.size, count, n)),
+        carray(integers(work.compared, 0), (codes.size,)),
         carray(integers(work.partner, 0), (n,)),
         carray(integers(work.match, 0), (n,)),
     )

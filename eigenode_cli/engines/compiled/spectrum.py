@@ -15,8 +15,9 @@ import numpy as np
 from eigenode_cli.engines.compiled.algebra import all_finite, clear
 from eigenode_cli.engines.compiled.clusters import Cluster, refine_clusters
 from eigenode_cli.engines.compiled.lapack import dgeev
-from eigenode_cli.engines.compiled.memory import bits_of, complexes, doubles, float_of, shift
+from eigenode_cli.engines.compiled.memory import bits_of, carray, complexes, doubles, float_of, shift
 from eigenode_cli.jit import njit_inner, njit_sums
+from eigenode_cli.spectra.pairs import ROUNDING, rounding_level
 from eigenode_cli.spectra.refine import STIFF, UNITS
 
 SPLITTER = 2.0**27 + 1.0
@@ -30,6 +31,7 @@ class Eigen(NamedTuple):
         n: number of states.
         max_condition: the guard: largest condition of an eigenvalue that its sensitivity may show.
         spectra: eigenvalues of all T matrices `(T, n)`.
+        levels: up to where their parts count as zero (`pairs.rounding_level`) `(T,)`.
         capacity: T.
         forms: of two states, what the pullback of their closed form needs (`take_closed_forms`) `(6, T)`; beyond,
             the eigenvectors.
@@ -47,6 +49,7 @@ class Eigen(NamedTuple):
     n: int
     max_condition: float
     spectra: int
+    levels: int
     capacity: int
     forms: int
     left: int
@@ -84,6 +87,8 @@ def take_spectrum(eigen, a, at, vectors):
         unit, per_unit = _power_of_two(2.0 * largest)
         for i in range(n * n):
             scaled[i] = a[i] * per_unit
+        level = rounding_level(carray(scaled, (n, n)), carray(doubles(eigen.real, 0), (n,)))
+        doubles(eigen.levels, at)[0] = level * unit
         found = dgeev(eigen, vectors) == 0
         for i in range(n):
             row[i] = complex(doubles(eigen.real, 0)[i] * unit, doubles(eigen.imag, 0)[i] * unit)
@@ -123,7 +128,7 @@ def take_closed_forms(eigen, m, columns, count, rows, at, counted, vectors):
         How often the guard fired.
     """
     stride, below, fired, stiff = eigen.capacity, shift(rows, (m - 1) * 2 * columns), 0, 0
-    spectra, forms = doubles(eigen.spectra, 4 * at), doubles(eigen.forms, at)
+    spectra, forms, levels = doubles(eigen.spectra, 4 * at), doubles(eigen.forms, at), doubles(eigen.levels, at)
     for t in range(count):
         a, b = (0.0, 1.0) if m == 1 else (rows[t], rows[columns + t])
         c, d = below[t], below[columns + t]
@@ -137,6 +142,9 @@ def take_closed_forms(eigen, m, columns, count, rows, at, counted, vectors):
         spectra[4 * t], spectra[4 * t + 1] = mean + across, along
         spectra[4 * t + 2], spectra[4 * t + 3] = mean - across, 0.0 - along
         stiff += int(abs(abs(mean) - across) < STIFF * (abs(mean) + across))
+        # `rounding_level` of two states: balancing makes |b| and |c| equal, unless one of them is zero
+        apart, middle = 2.0 * abs(b * c) if b * c != 0.0 else b * b + c * c, mean * per_unit
+        levels[t] = ROUNDING * unit * np.sqrt(2.0 * (middle * middle + delta * delta) + apart)
         if vectors:
             # real roots: |delta + root|^2 + |delta - root|^2 is the same
             norm = np.sqrt(2.0 * (delta * delta + size * size) + b * b + c * c)

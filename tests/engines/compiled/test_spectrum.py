@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eigenode_cli.engines.compiled.buffers import Owner, build_eigen
-from eigenode_cli.engines.compiled.memory import complexes, start_of
+from eigenode_cli.engines.compiled.memory import complexes, doubles, start_of
 from eigenode_cli.engines.compiled.spectrum import (
     pull_back_closed_forms,
     pull_back_spectrum,
@@ -12,6 +12,7 @@ from eigenode_cli.engines.compiled.spectrum import (
     take_spectrum,
 )
 from eigenode_cli.jit import njit
+from eigenode_cli.spectra.pairs import rounding_levels
 
 
 @njit
@@ -23,6 +24,11 @@ def take(eigen, a, vectors, spectrum):
     for i in range(eigen.n):
         spectrum[i] = complexes(eigen.spectra, 0)[i]
     return fired
+
+
+@njit
+def read_level(eigen, level):
+    level[0] = doubles(eigen.levels, 0)[0]
 
 
 @njit
@@ -54,6 +60,21 @@ def spectrum_of(a, max_condition=1e12):
     pull_back(eigen, np.zeros(n, dtype=np.complex128), part)
     assert not part.any()
     return spectrum, fired, slopes
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+@pytest.mark.parametrize("scale", [1e-160, 1.0, 1e160])
+def test_rounding_level_is_that_of_the_matrix(n, scale):
+    random = np.random.default_rng(n)
+    matrices = [random.normal(size=(n, n)), np.diag([1e4, *np.ones(n - 1)]) @ random.normal(size=(n, n)), np.eye(n)]
+    matrices.append(np.diag(np.ones(n - 1), 1) - 0.5 * np.eye(n))
+    matrices.append(np.zeros((n, n)))
+    for matrix in matrices:
+        owner, level = Owner(), np.array([np.nan])
+        eigen = build_eigen(owner, n, 1, 1e8)
+        take(eigen, scale * matrix, False, np.empty(n, dtype=np.complex128))
+        read_level(eigen, level)
+        np.testing.assert_allclose(level, rounding_levels(scale * matrix[None]), rtol=1e-12)
 
 
 def matched(spectrum, wanted):

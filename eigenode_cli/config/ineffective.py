@@ -1,0 +1,80 @@
+"""Terms that train nothing because no target gives them anything to compare.
+
+Targets come from the truth's spectra, so this is asked last, of a command line that is otherwise right: it loads SciPy
+and Numba, and solves the system once.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from omegaconf import DictConfig
+
+from eigenode_cli.terms import split_grads
+
+OF_PAIRS = ("frq", "dmp", "osc")
+"""Terms that only act where a target has a pair."""
+
+
+def target_faults(config: DictConfig) -> list[str]:
+    """A fault for every setting that names terms without effect, of a resolved configuration without other faults."""
+    if config.target.name == "stated":
+        return list(_lost_pairs(config))
+    named = {f"{key}={text}": split_grads(text) for key, text in _settings(config)}
+    if not any({*OF_PAIRS, "stf"}.intersection(words) for words in named.values()):
+        return []
+    pairs, ratios = _truth(config)
+    faults = []
+    for setting, words in named.items():
+        idle = [word for word in OF_PAIRS if word in words and not pairs]
+        if idle:
+            faults.append(
+                f"{setting}: no target has a pair: {_no_effect(idle)}; the truth's eigenvalues are real at all data"
+                " times, so leave out what has no effect, or state pairs with target=stated"
+            )
+        if "stf" in words and not ratios and config.target.stiffness is None:
+            faults.append(
+                f"{setting}: no target has a finite stiffness ratio: {_no_effect(['stf'])}; state"
+                " target.stiffness=[low,high]"
+            )
+    return faults
+
+
+def _settings(config: DictConfig) -> Iterator[tuple[str, str]]:
+    yield "grads", config.grads
+    if config.trainer.pretrain is not None:
+        yield "trainer.pretrain", config.trainer.pretrain
+
+
+def _no_effect(words: list[str]) -> str:
+    return f"{', '.join(words)} {'has' if len(words) == 1 else 'have'} no effect"
+
+
+def _lost_pairs(config: DictConfig) -> Iterator[str]:
+    """A fault for each stated pair that by the rule for all spectra is none."""
+    from eigenode_cli.reference import stated_spectrum  # noqa: PLC0415  # Numba, only once all else is right
+
+    frequency, damping = list(config.target.frequency), list(config.target.damping)
+    spectrum, level = stated_spectrum(frequency, damping)
+    for number, (hertz, ratio) in enumerate(zip(frequency, damping, strict=True)):
+        if not spectrum[number].imag > level:
+            yield (
+                f"target.frequency={frequency} target.damping={damping}: the pair of {hertz!r} Hz with damping"
+                f" {ratio!r} is no pair to rounding (2 pi f must be above {level:.2g} 1/s); state less damping, or"
+                " leave this pair out"
+            )
+
+
+def _truth(config: DictConfig) -> tuple[bool, bool]:
+    """Whether any target of the truth has a pair, and whether any has a finite stiffness ratio."""
+    from eigenode_cli.reference import reference_solution, truth_targets  # noqa: PLC0415  # as above
+    from eigenode_cli.systems import SYSTEMS  # noqa: PLC0415  # as above
+
+    settings = config.system
+    system = SYSTEMS[settings.dynamics](settings)
+    times = np.linspace(0.0, settings.horizon, settings.points)
+    try:
+        states = reference_solution(system, np.array(settings.initial_state, dtype=np.float64), times)
+    except ValueError:  # a system that cannot be solved is for the run to tell
+        return True, True
+    targets = truth_targets(system, states[:: config.eigen.every], config.target.frequency_factor)
+    return bool(targets.pairs.any()), bool(np.isfinite(targets.stiffness).any())
