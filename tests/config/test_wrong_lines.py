@@ -48,7 +48,7 @@ WRONG = [
     ("train +terms.calm=tests.terms.own:calm +error.calm=mse", "error.calm=mse: a term of your own returns its error "),
     (
         "train +terms.own=tests.terms.own:vector",
-        "terms.own=tests.terms.own:vector: returns a tensor of shape (91,); it must return a scalar, for example with .",
+        "terms.own=tests.terms.own:vector: returns a tensor of shape (91,); it must return a scalar, for example with",
     ),
     ("train +terms.own=tests.terms.own:number", ":number: returns a float; it must return a torch tensor"),
     ("train +terms.own=tests.terms.own:array", ":array: returns a ndarray; it must return a torch tensor"),

@@ -132,7 +132,7 @@ def configured(engine: str, name: str, grads: str) -> TrainConfig:
         ("broken", "terms.own=tests.terms.own:broken: KeyError: 'no such\\nthing'"),
         (
             "not_differentiable",
-            "terms.own=tests.terms.own:not_differentiable: no gradient, RuntimeError: one of the var",
+            "terms.own=tests.terms.own:not_differentiable: no gradient, RuntimeError: one of the",
         ),
     ],
 )
@@ -149,9 +149,7 @@ def test_what_is_no_value_is_named_where_it_shows_later(engine: str, monkeypatch
     config = configured(engine, "calm", "sol+own")
     monkeypatch.setattr(own, "calm", own.vector)
     setup = build(config, print)
-    with pytest.raises(
-        TermFailed, match=r"^terms.own=tests.terms.own:calm: returns a tensor of shape \(14,\); it must"
-    ):
+    with pytest.raises(TermFailed, match=r"^terms.own=tests.terms.own:calm: returns a tensor of shape \(14,\); it"):
         setup.engine.loss_jacobian(flat_parameters(setup.field))
 
 
