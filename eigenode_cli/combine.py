@@ -13,8 +13,8 @@ SEQUENTIAL, SUM, MEAN, SWITCH, MIX, SEQUENTIAL_REPEATING_LAST = range(6)
 COMBINATIONS = {"sequential": SEQUENTIAL, "sum": SUM, "mean": MEAN, "switch": SWITCH, "mix": MIX}
 """Codes by the name that `combine=` takes: `sequential` makes every gradient an update of its own, in canonical order
 (the paper's way); `sum` and `mean` make one update of all that act; `switch` takes the one with the largest
-Euclidean norm; `mix` takes for every parameter the one that is largest there. `SEQUENTIAL_REPEATING_LAST` applies the
-last update twice, a quirk of the authors' first code."""
+Euclidean norm; `mix` takes for every parameter the one that is largest there. `SEQUENTIAL_REPEATING_LAST` is
+`sequential`, and `learner.learn` makes the last step twice, a quirk of the authors' first code."""
 
 
 @njit
@@ -28,11 +28,8 @@ def combine(combination, gradients, scales, updates):
         updates: filled; the rows behind are working space.
     """
     acting = _scale_acting(gradients, scales, updates)
-    if acting == 0 or combination == SEQUENTIAL:
+    if acting == 0 or combination in (SEQUENTIAL, SEQUENTIAL_REPEATING_LAST):
         return acting
-    if combination == SEQUENTIAL_REPEATING_LAST:
-        updates[acting] = updates[acting - 1]
-        return acting + 1
     if combination == SWITCH:
         updates[0] = updates[_longest(acting, updates)]
     elif combination == MIX:

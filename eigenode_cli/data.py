@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenode_cli.solve.times import checked_times
+
 Floats = NDArray[np.float64]
 
 
@@ -16,11 +18,18 @@ class Data:
         times: data times in s `(N,)`, ascending, the first is that of the initial state.
         states: states at those times `(N, n)`.
         mask: which entries of `states` are observed, so that SOL compares them `(N, n)`.
+
+    Raises:
+        ValueError: the times are not finite and ascending.
     """
 
     times: Floats
     states: Floats
     mask: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        """Check the times and make them float64."""
+        object.__setattr__(self, "times", checked_times(self.times))
 
     @property
     def seen(self) -> Floats:

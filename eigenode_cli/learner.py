@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.combine import combine
+from eigenode_cli.combine import SEQUENTIAL_REPEATING_LAST, combine
 from eigenode_cli.jit import njit
 from eigenode_cli.optimizer import Optimizer, take_update
 
@@ -48,7 +48,16 @@ def build_rule(combination: int, scales: Sequence[float] | Floats, optimizer: Op
 
 @njit
 def learn(rule, theta, gradients, lr):
-    """Change `theta (P,)` in place by the updates that `gradients (L, P)` make at the learning rate `lr`."""
-    for row in range(combine(rule.combination, gradients, rule.scales, rule.updates)):
-        update = rule.updates[row]
-        take_update(rule.optimizer, theta, update, lr, rule.options, rule.memory, rule.updates_done)
+    """Change `theta (P,)` in place by the updates that `gradients (L, P)` make at the learning rate `lr`.
+
+    `SEQUENTIAL_REPEATING_LAST` adds the last step, the change of theta by the last update, once more. The optimizer's
+    memory does not see that.
+    """
+    count = combine(rule.combination, gradients, rule.scales, rule.updates)
+    before = rule.updates[count]  # behind the updates, so it is free
+    for row in range(count):
+        before[:] = theta
+        take_update(rule.optimizer, theta, rule.updates[row], lr, rule.options, rule.memory, rule.updates_done)
+    if count > 0 and rule.combination == SEQUENTIAL_REPEATING_LAST:
+        for i in range(theta.size):
+            theta[i] += theta[i] - before[i]

@@ -38,9 +38,9 @@ from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, wri
 from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets, with_noise
 from eigenode_cli.stages import build_stages
 from eigenode_cli.systems import SYSTEMS, System
-from eigenode_cli.terms import NAMES, canonical, split_grads
+from eigenode_cli.terms import NAMES, canonical, split_grads, training_terms
 from eigenode_cli.terms.errors import ERRORS
-from eigenode_cli.terms.user import load_user_terms
+from eigenode_cli.terms.user import TermFailed, load_user_terms
 from eigenode_cli.trainer import Stage, Trainer, Unsolvable, summary
 
 DENSE = 1000
@@ -101,7 +101,7 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
         stabilise=config.trainer.on_unsolvable == "stabilise",
     )
     field = build_field(config.network, truth.states, system.dynamics(truth.states), config.seed)
-    user_terms = load_user_terms(config.terms)
+    user_terms = load_user_terms(config.terms, training_terms(config.grads, config.trainer.pretrain), announce)
     engine = build_engine(config, field, problem, user_terms, announce)
     stages = build_stages(config, field, problem, user_terms, engine)
     return Setup(config, system, data, problem, field, engine, stages, (*NAMES, *user_terms))
@@ -175,7 +175,8 @@ def _attended(
         exit_status = 1
     except Exception as error:  # whatever it was: the folder tells, a sweep goes on
         (folder / "error.txt").write_text(traceback.format_exc())
-        record |= {"status": "failed", "error": f"{type(error).__name__}: {error} (traceback in error.txt)"}
+        said = str(error) if isinstance(error, TermFailed) else f"{type(error).__name__}: {error}"
+        record |= {"status": "failed", "error": f"{said} (traceback in error.txt)"}
         exit_status = 1
     record["wall_seconds"] = earlier + perf_counter() - clock
     _close(folder, record, draw=config.trainer.figures)

@@ -32,8 +32,9 @@ def test_a_single_gradient_passes_unchanged(name: str) -> None:
     np.testing.assert_array_equal(updates(COMBINATIONS[name], GRADIENTS[:1]), GRADIENTS[:1])
 
 
-def test_authors_quirk_repeats_the_last_update() -> None:
-    np.testing.assert_array_equal(updates(SEQUENTIAL_REPEATING_LAST, GRADIENTS), GRADIENTS[[0, 1, 1]])
+def test_authors_quirk_is_not_an_update() -> None:
+    """It is the step that comes twice (`tests/test_learner.py`), not the gradient."""
+    np.testing.assert_array_equal(updates(SEQUENTIAL_REPEATING_LAST, GRADIENTS), GRADIENTS)
 
 
 @pytest.mark.parametrize("name", COMBINATIONS)

@@ -269,6 +269,23 @@ def test_users_own_term_trains_and_is_recorded(tmp_path: Path) -> None:
     assert list(metrics(run)[0])[-1] == "calm"
 
 
+@pytest.mark.parametrize("engine", ["compiled", "torch"])
+def test_users_own_term_that_raises(engine: str, tmp_path: Path) -> None:
+    """Recorded only, its column is empty; in grads, the run fails and names it."""
+    (tmp_path / "mine.py").write_text("def calm(times):\n    raise OSError('gone')\n")
+    words = ("train", "system=oscillator", "+terms.calm=mine:calm", f"engine={engine}", "trainer.steps=2")
+    status, out, err = eigenode(tmp_path, *words, "grads=sol", "trainer.record_every=1", "hydra.run.dir=recorded")
+    assert (status, err) == (0, "")
+    assert out.count("terms.calm=mine:calm: OSError: gone (only recorded, so the run goes on") == 1
+    assert [row["calm"] for row in metrics(tmp_path / "recorded")] == ["", "", ""]
+    assert float(metrics(tmp_path / "recorded")[2]["sol"]) > 0.0
+    status, _, err = eigenode(tmp_path, *words, "grads=sol+calm", "hydra.run.dir=trained")
+    assert status == 1
+    assert err == "eigenode: failed: terms.calm=mine:calm: OSError: gone (traceback in error.txt)\n"
+    assert record(tmp_path / "trained")["status"] == "failed"
+    assert "raise OSError('gone')" in (tmp_path / "trained" / "error.txt").read_text()
+
+
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_each_system_trains(system: str, tmp_path: Path) -> None:
     check_finished(train(tmp_path, f"system={system}", "grads=sol+stb", "trainer.steps=50"), "sol+stb")

@@ -124,6 +124,7 @@ def examine_overrides(composer: Composer, overrides: Sequence[Override]) -> Exam
         config = composer.composed(tuple(ground))
     except UserError as error:
         return Examined(None, [*faults, *(_absent_groups(composer, overrides, paths) or error.faults)])
+    values.sort(key=lambda override: not _key(override).startswith("terms"))  # the names that other settings may have
     with hydra_values(config):
         faults += [fault for override in values if (fault := _apply(config, override))]
     return _examine_config(config, values, faults)
@@ -201,6 +202,10 @@ def _refusal(config: DictConfig, override: Override) -> str | None:
     group, _, last = key.rpartition(".")
     if last in ("name", "dynamics") and group in config.hydra.runtime.choices:
         return f"follows from the choice; write {group}=..."
+    if group == "error" and last in config.terms and last not in config.error:
+        return (
+            f"a term of your own returns its error itself; only the six terms have error functions ({', '.join(NAMES)})"
+        )
     try:
         present = OmegaConf.select(config, key, throw_on_missing=False) is not None
     except (ConfigAttributeError, ConfigKeyError):

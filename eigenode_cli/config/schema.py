@@ -165,7 +165,8 @@ class SequentialConfig(CombineConfig):
     """One optimizer step for each gradient."""
 
     repeat_last_update: bool = MISSING
-    """Apply the last update of a training step once more (a quirk of the authors' first code)."""
+    """Make the last step, the change of the weights by the last gradient that acts, once more without another update of
+    the optimizer's memory (a quirk of the authors' first code)."""
 
 
 @dataclass

@@ -24,7 +24,12 @@ def value_faults(config: DictConfig) -> list[str]:
     faults = list(_node_faults(config, TrainConfig, ""))
     if OmegaConf.missing_keys(config):
         return faults  # what must fit together can only be asked of a whole
-    return faults + [fault for check in CHECKS for fault in check(config)]
+    faults += [fault for check in CHECKS for fault in check(config)]
+    if not config.terms or faults:
+        return faults
+    from eigenode_cli.config.rehearsal import rehearse  # noqa: PLC0415  # torch, only where there is an own term
+
+    return list(rehearse(config))
 
 
 def show(value: Any) -> str:

@@ -114,7 +114,11 @@ class Engine(Protocol):
         ...
 
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
-        """Values of all terms at `theta (P,)`, and the states at `times (D,)` in s, ascending, from 0."""
+        """Values of all terms at `theta (P,)`, and the states at `times (D,)` in s.
+
+        Raises:
+            ValueError: the times are not finite and ascending from that of the initial state.
+        """
         ...
 
 

@@ -67,7 +67,7 @@ class TorchEngine:
         load_flat(self.field, theta)
         forward = self._forward(self.problem.terms, steps)
         values = np.array([float(forward.values[term].detach()) for term in self.problem.terms])
-        gradients = np.stack([self._gradient(forward.values[term]) for term in self.problem.terms])
+        gradients = np.stack([self._gradient(term, forward.values[term]) for term in self.problem.terms])
         return LossJacobian(
             values=values,
             gradients=gradients,
@@ -88,7 +88,8 @@ class TorchEngine:
         """See `Engine.evaluate`."""
         load_flat(self.field, theta)
         forward = self._forward((*NAMES, *self.user_terms), None, recorded=True)
-        dense = solve(self.field, self._start, torch.from_numpy(times), self.problem.solver).padded(times.size)
+        outputs = torch.from_numpy(np.concatenate([self.problem.data.times[:1], times]))
+        dense = solve(self.field, self._start, outputs, self.problem.solver).padded(outputs.numel())[1:]
         return Evaluation(
             values=np.array([float(value) for value in forward.values.values()]),
             trajectory=forward.trajectory.padded(self._times.numel()),
@@ -162,10 +163,13 @@ class TorchEngine:
                 )
         return values
 
-    def _gradient(self, value: Tensor) -> Floats:
+    def _gradient(self, term: str, value: Tensor) -> Floats:
         """Parameter gradient `(P,)` of one term: zero where no parameter enters it, NaN where it is undefined."""
         if torch.isnan(value) or not value.requires_grad:
             blank = np.nan if torch.isnan(value) else 0.0
             return np.full(sum(p.numel() for p in self._parameters), blank)
-        rows = torch.autograd.grad(value, self._parameters, retain_graph=True, materialize_grads=True)
+        if term in self.user_terms:
+            rows = self.user_terms[term].gradient(value, self._parameters)
+        else:
+            rows = torch.autograd.grad(value, self._parameters, retain_graph=True, materialize_grads=True)
         return torch.cat([row.reshape(-1) for row in rows]).numpy()

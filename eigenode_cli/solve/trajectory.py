@@ -1,6 +1,5 @@
 """One solve of a torch vector field: states at the output times, and how it ended."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,6 +12,7 @@ from torchdiffeq._impl.interp import _interp_evaluate
 
 from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, SolverConfig
 from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.times import checked_times, fixed_step_count
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, SolveStopped, rms_norm
 
 Field = Callable[[Tensor], Tensor]
@@ -61,7 +61,11 @@ def solve(
         times: output times; they never change the steps.
         config: method and its options.
         steps: sizes of the steps to take in place of the controller's (adaptive methods only).
+
+    Raises:
+        ValueError: the times are not finite and ascending, or the method is unknown.
     """
+    times = torch.from_numpy(checked_times(times))
     if isinstance(config, AdaptiveSolverConfig):
         return _solve_adaptive(field, initial_state, times, config, steps)
     if isinstance(config, FixedSolverConfig):
@@ -76,11 +80,11 @@ def _solve_adaptive(
         func=lambda _t, y: field(y), y0=initial_state, rtol=config.rtol, atol=config.atol, norm=rms_norm
     )
     solver.prepare(float(times[-1]), config.max_steps, steps)
-    states = [initial_state]
+    states = [initial_state] * int((times == times[0]).sum())
     status = Status.OK
     try:
         solver._before_integrate(times)
-        for time in times[1:]:
+        for time in times[len(states) :]:
             while time > solver.rk_state.t1:
                 solver.rk_state = solver._adaptive_step(solver.rk_state)
             states.append(_interp_evaluate(solver.rk_state.interp_coeff, solver.rk_state.t0, solver.rk_state.t1, time))
@@ -94,9 +98,8 @@ def _solve_fixed(field: Field, initial_state: Tensor, times: Tensor, config: Fix
         func=lambda _t, y, **_: field(y), y0=initial_state, step_size=config.step, rtol=0.0, atol=0.0
     )
     start, end = float(times[0]), float(times[-1])
-    count = math.ceil((end - start) / config.step - 1e-9)  # no sliver of a step behind a rounded multiple
-    grid = [start + i * config.step for i in range(count)] + [end]
-    y, states, taken = initial_state, [initial_state], 0
+    grid = [start + i * config.step for i in range(fixed_step_count(config.step, start, end))] + [end]
+    y, states, taken = initial_state, [initial_state] * int((times == times[0]).sum()), 0
     status = Status.OK
     for here, there in pairwise(grid):
         t0, t1 = torch.tensor(here, dtype=torch.float64), torch.tensor(there, dtype=torch.float64)

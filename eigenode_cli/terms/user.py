@@ -1,8 +1,8 @@
 """The user's own terms: plain torch functions, for either engine."""
 
 import importlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -12,6 +12,10 @@ from torch import Tensor
 from eigenode_cli.engines.base import ArrayTerm, Complexes, Floats
 from eigenode_cli.field import VectorField, load_flat
 from eigenode_cli.terms.arguments import arguments_of
+
+
+class TermFailed(Exception):
+    """A term of the user's own raised, or returned what is no value; one line that begins with `terms.NAME=...`."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +29,12 @@ class UserTerm:
     Attributes:
         function: the user's.
         takes: names of its arguments, some of `ARGUMENTS`.
+        label: the setting that it comes from, for messages.
     """
 
     function: Callable[..., Tensor]
     takes: tuple[str, ...]
+    label: str = "a term of your own"
 
     @property
     def needs_solve(self) -> bool:
@@ -36,21 +42,84 @@ class UserTerm:
         return "trajectory" in self.takes or "spectra" in self.takes
 
     def __call__(self, **known: Any) -> Tensor:
-        """Its value, from all the `ARGUMENTS` of which it takes its own."""
-        return self.function(**{name: known[name] for name in self.takes})
+        """Its value, from all the `ARGUMENTS` of which it takes its own.
+
+        Raises:
+            TermFailed: the function raised, or its value is none.
+        """
+        try:
+            value = self.function(**{name: known[name] for name in self.takes})
+        except Exception as error:  # the user's code may raise anything
+            raise TermFailed(f"{self.label}: {described(error)}") from error
+        fault = value_fault(value)
+        if fault is not None:
+            raise TermFailed(f"{self.label}: {fault}")
+        return value
+
+    def gradient(self, value: Tensor, inputs: Sequence[Tensor]) -> tuple[Tensor, ...]:
+        """Its derivatives in the inputs, zero where one does not enter; the graph can be used again.
+
+        Raises:
+            TermFailed: autograd cannot differentiate it.
+        """
+        try:
+            return torch.autograd.grad(value, inputs, retain_graph=True, materialize_grads=True)
+        except Exception as error:
+            raise TermFailed(f"{self.label}: no gradient, {described(error)}") from error
 
 
-def user_term(function: Callable[..., Tensor]) -> UserTerm:
+def described(error: Exception) -> str:
+    """An exception of the user's code in one line."""
+    lines = str(error).splitlines()
+    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+
+
+def value_fault(value: Any) -> str | None:
+    """What keeps `value` from being that of a term, or None."""
+    if not isinstance(value, Tensor):
+        return f"returns {'None' if value is None else f'a {type(value).__name__}'}; it must return a torch tensor"
+    if value.shape != ():
+        return f"returns a tensor of shape {tuple(value.shape)}; it must return a scalar, for example with .mean()"
+    if not value.is_floating_point():
+        return f"returns {str(value.dtype).removeprefix('torch.')}; it must return a real floating-point number"
+    return None
+
+
+def user_term(function: Callable[..., Tensor], label: str = UserTerm.label) -> UserTerm:
     """A user's function as a term.
 
     Raises:
         ValueError: it asks for something that there is not.
     """
-    return UserTerm(function, arguments_of(function))
+    return UserTerm(function, arguments_of(function), label)
 
 
-def load_user_terms(paths: dict[str, str]) -> dict[str, UserTerm]:
+def recorded_only(term: UserTerm, announce: Callable[[str], None]) -> UserTerm:
+    """A term that trains nothing: NaN where it fails, which is announced once, and without derivatives."""
+    silent = False
+
+    def value_or_nan(**known: Any) -> Tensor:
+        nonlocal silent
+        try:
+            return term(**known).detach()
+        except TermFailed as failed:
+            if not silent:
+                announce(f"{failed} (only recorded, so the run goes on; its column is empty)")
+            silent = True
+            return torch.tensor(torch.nan, dtype=torch.float64)
+
+    return replace(term, function=value_or_nan)
+
+
+def load_user_terms(
+    paths: Mapping[str, str], trained: Sequence[str], announce: Callable[[str], None]
+) -> dict[str, UserTerm]:
     """The user's own terms, imported from their `module:function`, in the order of their names.
+
+    Args:
+        paths: by name.
+        trained: names of the terms that train; the others are only recorded.
+        announce: told of the first failure of a term that is only recorded.
 
     Raises:
         ValueError: a path that does not lead to a function, or a function that asks for something that there is not.
@@ -58,13 +127,15 @@ def load_user_terms(paths: dict[str, str]) -> dict[str, UserTerm]:
     terms: dict[str, UserTerm] = {}
     for name, path in sorted(paths.items()):
         module, _, function = path.partition(":")
+        label = f"terms.{name}={path}"
         try:
             candidate = getattr(importlib.import_module(module), function)
             if not callable(candidate):
                 raise ValueError("not a function")
-            terms[name] = user_term(cast(Callable[..., Tensor], candidate))
+            term = user_term(cast(Callable[..., Tensor], candidate), label)
         except (ImportError, AttributeError, ValueError) as error:
-            raise ValueError(f"terms.{name}={path}: {error}") from error
+            raise ValueError(f"{label}: {error}") from error
+        terms[name] = term if name in trained else recorded_only(term, announce)
     return terms
 
 
@@ -91,7 +162,7 @@ def on_arrays(term: UserTerm, times: Floats, data: Floats, field: VectorField) -
         if not value.requires_grad:  # a constant, if only in the branch that it took
             return float(value), np.zeros_like(trajectory), np.zeros_like(spectra), 0.0
         inputs = (states, eigenvalues, *parameters)
-        in_states, in_eigenvalues, *rows = torch.autograd.grad(value, inputs, materialize_grads=True)
+        in_states, in_eigenvalues, *rows = term.gradient(value, inputs)
         direct = torch.cat([row.reshape(-1) for row in rows]).numpy() if rows else 0.0
         return float(value.detach()), in_states.numpy(), in_eigenvalues.resolve_conj().numpy(), direct
 

@@ -42,6 +42,19 @@ WRONG = [
     ("train protocol_system=paper-vdp", "protocol_system=paper-vdp: unknown setting 'protocol_system'"),
     ("train system.name=foo", "system.name=foo: follows from the choice; write system=..."),
     ("train system@foo=vdp", "system@foo=vdp: "),
+    # terms of the user's own
+    ("train +terms.calm=tests.terms.own:calm error.calm=mse", "error.calm=mse: a term of your own returns its error i"),
+    ("train error.calm=mse +terms.calm=tests.terms.own:calm", "error.calm=mse: a term of your own returns its error i"),
+    ("train +terms.calm=tests.terms.own:calm +error.calm=mse", "error.calm=mse: a term of your own returns its error "),
+    (
+        "train +terms.own=tests.terms.own:vector",
+        "terms.own=tests.terms.own:vector: returns a tensor of shape (91,); it must return a scalar, for example with",
+    ),
+    ("train +terms.own=tests.terms.own:number", ":number: returns a float; it must return a torch tensor"),
+    ("train +terms.own=tests.terms.own:array", ":array: returns a ndarray; it must return a torch tensor"),
+    ("train +terms.own=tests.terms.own:nothing", ":nothing: returns None; it must return a torch tensor"),
+    ("train +terms.own=tests.terms.own:whole", ":whole: returns int64; it must return a real floating-point number"),
+    ("train +terms.own=tests.terms.own:complex_value", ":complex_value: returns complex128; it must return a real fl"),
     # types
     ("train seed=abc", "seed=abc: not a whole number"),
     ("train trainer.steps=1e3", "trainer.steps=1e3: not a whole number; write trainer.steps=1000"),

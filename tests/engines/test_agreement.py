@@ -13,6 +13,7 @@ from eigenode_cli.engines.torch_engine import TorchEngine
 from eigenode_cli.field import VectorField, build_field, flat_parameters
 from eigenode_cli.problem import Problem
 from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.solve.status import Status
 from eigenode_cli.terms.peers import derivative_matching, jacobian_norm
 from eigenode_cli.terms.user import UserTerm, on_arrays, user_term
 from tests.conftest import Case, make_case, solver
@@ -224,3 +225,51 @@ def test_a_term_without_the_solution_outlives_a_failed_solve_alike() -> None:
     np.testing.assert_allclose(ours.gradients[[1, 3]], reference.gradients[[1, 3]], rtol=1e-8, atol=1e-10)
     assert np.isnan(ours.values).tolist() == [True, False, True, False]
     assert np.isnan(ours.gradients).all(axis=1).tolist() == [True, False, True, False]
+
+
+def at_times(times: object, config: SolverConfig) -> tuple[LossJacobian, LossJacobian]:
+    """Loss Jacobians of both engines where the data have other times."""
+    case = make_case("oscillator")
+    data = case.problem().data
+    count = np.size(times)
+    shown = Data(times, data.states[:count], data.mask[:count])  # type: ignore[arg-type]
+    problem = case.problem(data=shown, targets=case.problem().targets.rows(np.arange(count)), solver=config)
+    field = case.field(seed=3)
+    theta = flat_parameters(field)
+    return (
+        CompiledEngine(shape_of(field), problem).loss_jacobian(theta),
+        TorchEngine(field, problem, {}).loss_jacobian(theta),
+    )
+
+
+METHODS = [solver(), FixedSolverConfig(name="rk4", step=0.03)]
+
+
+@pytest.mark.parametrize("config", METHODS, ids=["adaptive", "fixed"])
+@pytest.mark.parametrize("times", [[0.0, 0.0, 0.1, 0.1, 0.2], [0, 1, 2], [0.0, 3e-12]], ids=["twice", "whole", "short"])
+def test_unusual_times(times: list[float], config: SolverConfig) -> None:
+    """Times that repeat, whole numbers, and a horizon of less than a billionth of the step."""
+    ours, reference = at_times(np.array(times), config)
+    assert ours.status is Status.OK
+    assert np.isfinite(ours.trajectory).all()
+    assert_same(ours, reference, 1e-8)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "torch"])
+def test_evaluation_starts_with_the_data(engine: str) -> None:
+    case = make_case("oscillator")
+    field, problem = case.field(), case.problem()
+    theta = flat_parameters(field)
+    tested = CompiledEngine(shape_of(field), problem) if engine == "compiled" else TorchEngine(field, problem, {})
+    dense = tested.evaluate(theta, np.array([0, 0, 1, 2])).dense
+    np.testing.assert_array_equal(dense[[0, 1]], problem.data.states[[0, 0]])
+    np.testing.assert_array_equal(tested.evaluate(theta, np.array([1.0, 2.0])).dense, dense[2:])
+    for times in ([0.0, 2.0, 1.0], [0.0, np.nan], [-1.0, 1.0]):
+        with pytest.raises(ValueError, match="times"):
+            tested.evaluate(theta, np.array(times))
+
+
+def test_data_have_times_that_ascend() -> None:
+    for times in ([0.0, 2.0, 1.0], [0.0, np.nan, 1.0]):
+        with pytest.raises(ValueError, match=r"times\["):
+            Data(np.array(times), np.zeros((3, 2)), np.ones((3, 2), dtype=bool))

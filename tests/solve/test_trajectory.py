@@ -157,6 +157,54 @@ def test_fixed_steps_end_at_the_horizon_without_a_sliver(step: float) -> None:
     assert min(result.steps) > 0.05
 
 
+METHODS = [adaptive(), FixedSolverConfig(name="rk4", step=0.05)]
+
+
+@pytest.mark.parametrize("config", METHODS, ids=["adaptive", "fixed"])
+def test_times_that_repeat_show_the_same_state_again(config: AdaptiveSolverConfig | FixedSolverConfig) -> None:
+    start = tensor([2.0, 0.0])
+    once = solve(van_der_pol, start, tensor([0.0, 0.5, 1.0]), config).states
+    twice = solve(van_der_pol, start, tensor([0.0, 0.0, 0.5, 0.5, 1.0, 1.0]), config)
+    assert twice.status is Status.OK
+    assert torch.equal(twice.states, once[[0, 0, 1, 1, 2, 2]])
+    nowhere = solve(van_der_pol, start, tensor([3.0, 3.0]), config)
+    assert torch.equal(nowhere.states, start.expand(2, 2))
+    assert nowhere.n_accepted == 0
+
+
+@pytest.mark.parametrize("config", METHODS, ids=["adaptive", "fixed"])
+def test_whole_numbers_are_times(config: AdaptiveSolverConfig | FixedSolverConfig) -> None:
+    whole = solve(van_der_pol, tensor([2.0, 0.0]), torch.tensor([0, 1, 2]), config)
+    assert whole.status is Status.OK
+    assert torch.equal(whole.states, solve(van_der_pol, tensor([2.0, 0.0]), tensor([0.0, 1.0, 2.0]), config).states)
+
+
+@pytest.mark.parametrize("config", METHODS, ids=["adaptive", "fixed"])
+@pytest.mark.parametrize(
+    ("times", "answer"),
+    [
+        ([0.0, 2.0, 1.0], r"times\[2\] = 1.0 s follows 2.0 s; times must ascend"),
+        ([1.0, 0.0], r"times\[1\] = 0.0 s follows 1.0 s"),
+        ([0.0, math.nan, 1.0], r"times\[1\] is nan; times must be finite"),
+        ([0.0, math.inf], r"times\[1\] is inf"),
+        ([], r"shape \(0,\)"),
+        ([[0.0, 1.0]], r"shape \(1, 2\)"),
+    ],
+)
+def test_wrong_times_are_named(
+    times: list[float], answer: str, config: AdaptiveSolverConfig | FixedSolverConfig
+) -> None:
+    with pytest.raises(ValueError, match=answer):
+        solve(van_der_pol, tensor([2.0, 0.0]), tensor(times), config)
+
+
+@pytest.mark.parametrize("horizon", [1e-10, 1e-13])
+def test_a_horizon_far_below_the_fixed_step_is_one_step(horizon: float) -> None:
+    result = solve(van_der_pol, tensor([2.0, 1.0]), tensor([0.0, horizon]), FixedSolverConfig(name="rk4", step=0.5))
+    assert result.steps == [horizon]
+    np.testing.assert_allclose(result.states[-1].numpy() - [2.0, 1.0], [horizon, -8.0 * horizon], rtol=1e-2, atol=1e-15)
+
+
 @pytest.mark.parametrize("name", [*ADAPTIVE, *FIXED])
 def test_derivative_at_frozen_steps(name: str) -> None:
     """Central difference = forward mode = reverse mode for the end state in the initial state."""

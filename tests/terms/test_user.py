@@ -5,13 +5,15 @@ import pytest
 import torch
 
 from eigenode_cli.config.compose import compose, typed
+from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.data import Data
 from eigenode_cli.field import flat_parameters
 from eigenode_cli.run import build
 from eigenode_cli.terms.arguments import arguments_of
 from eigenode_cli.terms.peers import EDGE, derivative_matching, jacobian_norm, smoothed
-from eigenode_cli.terms.user import load_user_terms, user_term
+from eigenode_cli.terms.user import TermFailed, load_user_terms, user_term
 from tests.conftest import make_case
+from tests.terms import own
 
 FACTORS = (1.0, -25.0, -0.05)
 """dx/dt = (a v, b s + c v): the oscillator of the paper."""
@@ -36,11 +38,11 @@ def seen(noise: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def test_arguments_are_asked_for_by_name() -> None:
-    def own(field, trajectory, weight=2.0, *rest, **options):
+    def mine(field, trajectory, weight=2.0, *rest, **options):
         return weight * trajectory
 
-    assert arguments_of(own) == ("field", "trajectory")
-    term = user_term(own)
+    assert arguments_of(mine) == ("field", "trajectory")
+    term = user_term(mine)
     assert term.needs_solve
     known = dict.fromkeys(("spectra", "times", "data", "field"))
     assert float(term(trajectory=torch.tensor(3.0), **known)) == 6.0
@@ -61,7 +63,8 @@ def test_what_there_is_not_is_named() -> None:
 def test_terms_come_in_the_order_of_their_names() -> None:
     """Which is that of the recorded columns, whatever order they were typed in."""
     peers = "eigenode_cli.terms.peers"
-    terms = load_user_terms({"match": f"{peers}:derivative_matching", "jac": f"{peers}:jacobian_norm"})
+    paths = {"match": f"{peers}:derivative_matching", "jac": f"{peers}:jacobian_norm"}
+    terms = load_user_terms(paths, ("jac", "match"), print)
     assert list(terms) == ["jac", "match"]
 
 
@@ -115,3 +118,55 @@ def test_a_term_that_does_not_depend_on_anything_has_no_gradient(engine: str) ->
 
 def late(times: torch.Tensor) -> torch.Tensor:
     return times.mean()
+
+
+def configured(engine: str, name: str, grads: str) -> TrainConfig:
+    words = ["system=sparse_oscillator", f"engine={engine}", f"+terms.own=tests.terms.own:{name}", f"grads={grads}"]
+    return typed(compose(words))
+
+
+@pytest.mark.parametrize("engine", ["compiled", "torch"])
+@pytest.mark.parametrize(
+    ("name", "answer"),
+    [
+        ("broken", "terms.own=tests.terms.own:broken: KeyError: 'no such\\nthing'"),
+        (
+            "not_differentiable",
+            "terms.own=tests.terms.own:not_differentiable: no gradient, RuntimeError: one of the",
+        ),
+    ],
+)
+def test_a_term_that_fails_is_named(engine: str, name: str, answer: str) -> None:
+    setup = build(configured(engine, name, "sol+own"), print)
+    with pytest.raises(TermFailed) as raised:
+        setup.engine.loss_jacobian(flat_parameters(setup.field))
+    assert str(raised.value).startswith(answer)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "torch"])
+def test_what_is_no_value_is_named_where_it_shows_later(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = configured(engine, "calm", "sol+own")
+    monkeypatch.setattr(own, "calm", own.vector)
+    setup = build(config, print)
+    with pytest.raises(TermFailed, match=r"^terms.own=tests.terms.own:calm: returns a tensor of shape \(14,\); it"):
+        setup.engine.loss_jacobian(flat_parameters(setup.field))
+
+
+@pytest.mark.parametrize("engine", ["compiled", "torch"])
+def test_a_failing_term_that_is_only_recorded_has_no_value(engine: str) -> None:
+    said: list[str] = []
+    setup = build(configured(engine, "broken", "sol"), said.append)
+    theta, times = flat_parameters(setup.field), np.array([0.0, 1.0])
+    values = [setup.engine.evaluate(theta, times).values for _ in range(2)]
+    assert np.isnan([row[-1] for row in values]).all()
+    assert np.isfinite(values[0][0])
+    assert [line.split(" (")[0] for line in said] == ["terms.own=tests.terms.own:broken: KeyError: 'no such\\nthing'"]
+
+
+@pytest.mark.parametrize("engine", ["compiled", "torch"])
+def test_a_term_that_is_only_recorded_needs_no_derivative(engine: str) -> None:
+    said: list[str] = []
+    setup = build(configured(engine, "not_differentiable", "sol"), said.append)
+    assert np.isfinite(setup.engine.evaluate(flat_parameters(setup.field), np.array([0.0, 1.0])).values[-1])
+    assert said == []

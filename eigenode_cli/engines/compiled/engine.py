@@ -29,6 +29,7 @@ from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TABLEAUS
+from eigenode_cli.solve.times import checked_times, fixed_step_count
 from eigenode_cli.terms import NAMES
 
 SENSITIVITIES = ("auto", "adjoint", "forward")
@@ -41,11 +42,9 @@ NO_STEPS = np.empty(0)
 
 def fixed_steps(step: float, start: float, end: float) -> Floats:
     """Steps of one size from `start` to `end` in s, the last one shorter; no sliver where it divides the time."""
-    if end <= start:
-        return NO_STEPS
-    count = max(1, math.ceil((end - start) / step - 1e-9))
+    count = fixed_step_count(step, start, end)
     steps = np.full(count, step)
-    steps[-1] = (end - start) - (count - 1) * step
+    steps[-1:] = (end - start) - (count - 1) * step
     return steps
 
 
@@ -93,7 +92,7 @@ class CompiledEngine:
         self._core, self._shared = build_core(
             self._owner, shape, problem, self._method, len(problem.terms), len(self._own), self._forward_way
         )
-        self._times = np.array(problem.data.times, dtype=np.float64)
+        self._times = problem.data.times
         self._spectra_shape = (problem.spectral_index.size, shape.sizes[0])
         self._given = self._given_steps(self._times)
         self._room = self._make_room(self._given.size or min(FIRST_CAPACITY, self._method.max_steps))
@@ -180,12 +179,16 @@ class CompiledEngine:
 
         The terms are those of a solve over the data times, the same as in `loss_jacobian`; the states at `times`,
         which may go beyond them, are those of a solve of their own from the same initial state.
+
+        Raises:
+            ValueError: `theta` has another length, or `times` are not finite and ascending from the initial state's.
         """
+        outputs = checked_times(np.concatenate([self._times[:1], times]))
         self._load(theta)
         self._ready(*(("forward", "pull_back") if self._own else ("advance",)), "evaluate")  # compiled in one go
         values = np.empty(len(NAMES))
         states, spectra = self._outputs()
-        status, dense = self._evaluate(np.asarray(times, dtype=np.float64), values, states, spectra)
+        status, dense = self._evaluate(outputs, values, states, spectra)
         own = [
             term.function(self._shared.theta, states, spectra)[0] if self._defined(term, status) else math.nan
             for term in self._user_terms.values()
@@ -200,9 +203,11 @@ class CompiledEngine:
             dense=dense,
         )
 
-    def _evaluate(self, times: Floats, values: Floats, states: Floats, spectra: Complexes) -> tuple[int, Floats]:
-        """Fill the results of a solve over the data times; returns how it ended, and the states `(D, n)` at `times`."""
-        outputs = np.concatenate([self._times[:1], times])
+    def _evaluate(self, outputs: Floats, values: Floats, states: Floats, spectra: Complexes) -> tuple[int, Floats]:
+        """Fill the results of a solve over the data times.
+
+        Returns how it ended, and the states `(D, n)` at `outputs (1 + D,)` but for the first, the initial state's.
+        """
         given, dense = self._given_steps(outputs), np.empty((outputs.size, self._core.net.n))
         while True:
             room = self._room_of(outputs.size, given.size)

@@ -1,0 +1,33 @@
+"""Output times and fixed steps, the same for both engines."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def checked_times(times: Any) -> Floats:
+    """Output times in s as float64 `(N,)`: finite and ascending; one that repeats shows the same state again.
+
+    Raises:
+        ValueError: they are none.
+    """
+    array = np.asarray(times, dtype=np.float64)
+    if array.ndim != 1 or array.size == 0:
+        raise ValueError(f"times have the shape {array.shape}; write one after another (N,), at least the first")
+    wrong = np.flatnonzero(~np.isfinite(array))
+    if wrong.size > 0:
+        raise ValueError(f"times[{wrong[0]}] is {array[wrong[0]]}; times must be finite")
+    back = np.flatnonzero(np.diff(array) < 0.0)
+    if back.size > 0:
+        here = back[0] + 1
+        raise ValueError(f"times[{here}] = {array[here]} s follows {array[here - 1]} s; times must ascend")
+    return array
+
+
+def fixed_step_count(step: float, start: float, end: float) -> int:
+    """Steps of size `step` from `start` to `end` in s, the last one shorter: no sliver behind a rounded multiple."""
+    return max(1, math.ceil((end - start) / step - 1e-9)) if end > start else 0
