@@ -2,22 +2,29 @@
 
 Numba's own disk cache keys a function by the file it stands in, so that a change in a kernel which it calls goes
 unnoticed, and it writes beside the source, which a read-only site-packages refuses. So the cache lies in a folder of
-the user's, named after a hash of every source file of this package that has to do with kernels.
+the user's, named after a hash of every source file of this package that has to do with kernels, and of the versions
+that made the machine code. What else decides, Numba's index in it knows: where the source lies, and the processor.
 """
 
+import atexit
 import hashlib
 import os
+import shutil
+import sys
 import tempfile
 from pathlib import Path
 
+import llvmlite
 import numba
 from numba.core import config
 
 _PACKAGE = Path(__file__).resolve().parent
 
 
-def _source_hash() -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
+def _key() -> str:
+    """What the machine code depends on, but for the processor."""
+    versions = (numba.__version__, llvmlite.__version__, sys.implementation.cache_tag)
+    digest = hashlib.sha256(repr(versions).encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
         text = source.read_bytes()
         if b"njit" in text or b"import numba" in text or b"from numba" in text:
@@ -27,14 +34,16 @@ def _source_hash() -> str:
 
 
 def _chosen_folder() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(base) / "eigenode" / _source_hash()
+    """The user's cache; where that can't be written, a folder that is gone when the process ends."""
     try:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        folder = Path(base) / "eigenode" / _key()
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-    except OSError:
+    except (OSError, RuntimeError):  # the latter without a home
         folder = Path(tempfile.mkdtemp(prefix="eigenode-cache-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 
