@@ -12,6 +12,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 import yaml
+from hydra_plugins.hydra_joblib_launcher.joblib_launcher import JoblibLauncher
 
 import eigenode_cli
 from eigenode_cli import __version__
@@ -315,3 +316,72 @@ def test_sigterm_interrupts(tmp_path: Path) -> None:
     )
     done = process([sys.executable, "-c", script], tmp_path)
     assert (done.returncode, done.stderr) == (130, "eigenode: interrupted\n")
+
+
+SMALL_MACHINE = "# @package _global_\ndefaults:\n  - override /hydra/launcher: basic\n"
+FEW_PROCESSES = "# @package _global_\nhydra:\n  launcher:\n    n_jobs: 1\n"
+
+
+def write_config(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def test_a_launcher_that_a_config_of_the_users_chooses_runs_the_sweep(runs: Runs, tmp_path: Path) -> None:
+    write_config(tmp_path / "mine" / "machine" / "small.yaml", SMALL_MACHINE)
+    assert main(["train", "-m", "--config-dir", "mine", "+machine=small", "seed=0,1"]) == 0
+    assert [config.seed for config, _ in runs] == [0, 1]  # joblib's processes would not see the stand-in
+
+
+def test_settings_of_the_launcher_in_a_config_of_the_users_are_taken(
+    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_config(tmp_path / "mine" / "machine" / "few.yaml", FEW_PROCESSES)
+    started: list[object] = []
+    monkeypatch.setattr(JoblibLauncher, "launch", lambda self, jobs, initial_job_idx: started.append(self.joblib))
+    main(["train", "-m", "--config-dir", "mine", "+machine=few", "seed=0,1"])
+    assert [joblib["n_jobs"] for joblib in started] == [1]  # type: ignore[index]
+
+
+def test_the_dry_run_counts_the_cores_of_the_checked_launcher(
+    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_config(tmp_path / "mine" / "machine" / "small.yaml", SMALL_MACHINE)
+    cost = ModuleType("eigenode_cli.sweep.cost")
+    counted: list[int] = []
+    cost.show_cost = lambda composer, kinds, workers, drawn: counted.append(workers)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "eigenode_cli.sweep.cost", cost)
+    assert main(["train", "-m", "--config-dir", "mine", "+machine=small", "seed=0,1", "--dry-run"]) == 0
+    assert counted == [1]
+
+
+OPTUNA = "_target_: hydra_plugins.hydra_optuna_sweeper.optuna_sweeper.OptunaSweeper\nn_trials: 20\nsearch_space: null\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["hydra/sweeper=optuna", "seed=0,1"], "hydra/sweeper=optuna: a sweep here runs every combination"),
+        (["hydra/sweeper=optuna", "optimizer.lr=interval(0,1)"], "hydra/sweeper=optuna: a sweep here runs every"),
+        (["+machine=one,other", "seed=0,1"], "hydra/launcher: the runs of this sweep name different launchers"),
+        (["seed=0,1", "hydra.launcher.n_jobs=0"], "hydra.launcher.n_jobs=0: no run would start"),
+        (["seed=0,1", "hydra.sweeper.max_batch_size=0"], "hydra.sweeper.max_batch_size=0: no run would start"),
+    ],
+)
+def test_a_sweep_that_cannot_be_started_leaves_nothing(
+    words: list[str], said: str, runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_config(tmp_path / "mine" / "hydra" / "sweeper" / "optuna.yaml", OPTUNA)  # as the plugin registers it
+    write_config(tmp_path / "mine" / "machine" / "one.yaml", SMALL_MACHINE)
+    write_config(tmp_path / "mine" / "machine" / "other.yaml", FEW_PROCESSES)
+    assert main(["train", "-m", "--config-dir", "mine", *words]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"eigenode: error: {said}")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "outputs").exists()
+
+
+def test_a_foreign_sweeper_does_not_matter_to_a_single_run(runs: Runs, tmp_path: Path) -> None:
+    write_config(tmp_path / "mine" / "hydra" / "sweeper" / "optuna.yaml", OPTUNA)
+    assert main(["train", "--config-dir", "mine", "hydra/sweeper=optuna"]) == 0
+    assert len(runs) == 1
