@@ -12,7 +12,6 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 import yaml
-from hydra_plugins.hydra_joblib_launcher.joblib_launcher import JoblibLauncher
 
 import eigenode_cli
 from eigenode_cli import __version__
@@ -318,7 +317,7 @@ def test_sigterm_interrupts(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (130, "eigenode: interrupted\n")
 
 
-SMALL_MACHINE = "# @package _global_\ndefaults:\n  - override /hydra/launcher: basic\n"
+ONE_AFTER_ANOTHER = "defaults:\n  - train\n  - override hydra/launcher: basic\n"
 FEW_PROCESSES = "# @package _global_\nhydra:\n  launcher:\n    n_jobs: 1\n"
 
 
@@ -328,30 +327,26 @@ def write_config(path: Path, text: str) -> None:
 
 
 def test_a_launcher_that_a_config_of_the_users_chooses_runs_the_sweep(runs: Runs, tmp_path: Path) -> None:
-    write_config(tmp_path / "mine" / "machine" / "small.yaml", SMALL_MACHINE)
-    assert main(["train", "-m", "--config-dir", "mine", "+machine=small", "seed=0,1"]) == 0
+    write_config(tmp_path / "mine" / "slow.yaml", ONE_AFTER_ANOTHER)
+    assert main(["train", "-m", "--config-dir", "mine", "--config-name", "slow", "seed=0,1"]) == 0
     assert [config.seed for config, _ in runs] == [0, 1]  # joblib's processes would not see the stand-in
 
 
-def test_settings_of_the_launcher_in_a_config_of_the_users_are_taken(
-    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_settings_of_the_launcher_in_a_config_of_the_users_are_taken(runs: Runs, tmp_path: Path) -> None:
     write_config(tmp_path / "mine" / "machine" / "few.yaml", FEW_PROCESSES)
-    started: list[object] = []
-    monkeypatch.setattr(JoblibLauncher, "launch", lambda self, jobs, initial_job_idx: started.append(self.joblib))
-    main(["train", "-m", "--config-dir", "mine", "+machine=few", "seed=0,1"])
-    assert [joblib["n_jobs"] for joblib in started] == [1]  # type: ignore[index]
+    assert main(["train", "-m", "--config-dir", "mine", "+machine=few", "seed=0,1"]) == 0
+    assert [config.seed for config, _ in runs] == [0, 1]  # joblib starts no process for n_jobs=1
 
 
 def test_the_dry_run_counts_the_cores_of_the_checked_launcher(
     runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_config(tmp_path / "mine" / "machine" / "small.yaml", SMALL_MACHINE)
+    write_config(tmp_path / "mine" / "machine" / "few.yaml", FEW_PROCESSES)
     cost = ModuleType("eigenode_cli.sweep.cost")
     counted: list[int] = []
     cost.show_cost = lambda composer, kinds, workers, drawn: counted.append(workers)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "eigenode_cli.sweep.cost", cost)
-    assert main(["train", "-m", "--config-dir", "mine", "+machine=small", "seed=0,1", "--dry-run"]) == 0
+    assert main(["train", "-m", "--config-dir", "mine", "+machine=few", "seed=0,1", "--dry-run"]) == 0
     assert counted == [1]
 
 
@@ -372,8 +367,8 @@ def test_a_sweep_that_cannot_be_started_leaves_nothing(
     words: list[str], said: str, runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_config(tmp_path / "mine" / "hydra" / "sweeper" / "optuna.yaml", OPTUNA)  # as the plugin registers it
-    write_config(tmp_path / "mine" / "machine" / "one.yaml", SMALL_MACHINE)
-    write_config(tmp_path / "mine" / "machine" / "other.yaml", FEW_PROCESSES)
+    write_config(tmp_path / "mine" / "machine" / "one.yaml", FEW_PROCESSES)
+    write_config(tmp_path / "mine" / "machine" / "other.yaml", FEW_PROCESSES.replace("1", "2"))
     assert main(["train", "-m", "--config-dir", "mine", *words]) == 2
     err = capsys.readouterr().err
     assert err.startswith(f"eigenode: error: {said}")
