@@ -1,6 +1,7 @@
 """What a person sees while a run goes on: a bar with the current losses on a terminal, plain lines in a pipe."""
 
 import math
+import re
 import sys
 from types import TracebackType
 from typing import Protocol, Self
@@ -33,6 +34,16 @@ class Display(Protocol):
 def describe(losses: dict[str, float]) -> str:
     """The losses in one short line, `sol 0.578  frq 0.0123`; a dash where one is not defined."""
     return "  ".join(f"{name} -" if math.isnan(value) else f"{name} {value:.3g}" for name, value in losses.items())
+
+
+def counted(count: int, thing: str) -> str:
+    """How many there are: 1 seed, 2 seeds."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def minus(text: str) -> str:
+    """The text of a page with true minus signs before numbers and in exponents, as its figures have them."""
+    return re.sub(r"(?<![\w.)\]-])-(?=\.?\d)|(?<=\de)-(?=\d)", "\N{MINUS SIGN}", text)
 
 
 def duration(seconds: float) -> str:

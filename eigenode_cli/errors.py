@@ -5,6 +5,8 @@ from collections.abc import Iterable, Sequence
 
 MOST = 12
 """Longest list of options that one line of an error shows."""
+LEAST, OTHERWISE = 0.6, 0.85
+"""How like (0 to 1) a name must be to be offered, and how like if it begins with another letter."""
 
 
 class UserError(Exception):
@@ -26,7 +28,9 @@ def nearest_first(name: str, options: Iterable[str]) -> list[str]:
 
 def nearest(name: str, options: Iterable[str]) -> str | None:
     """The option that `name` was probably meant to be, or None."""
-    close = difflib.get_close_matches(name.lower(), list(options), n=1, cutoff=0.6)
+    close = difflib.get_close_matches(name.lower(), list(options), n=1, cutoff=LEAST)
+    if close and close[0][:1] != name[:1].lower():
+        close = difflib.get_close_matches(name.lower(), close, cutoff=OTHERWISE)
     return close[0] if close else None
 
 

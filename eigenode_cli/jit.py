@@ -2,16 +2,21 @@
 
 Numba's own disk cache keys a function by the file it stands in, so that a change in a kernel which it calls goes
 unnoticed, and it writes beside the source, which a read-only site-packages refuses. So the cache lies in a folder of
-the user's, named after a hash of every source file of this package that has to do with kernels.
+the user's, named after a hash of every source file of this package that has to do with kernels, and of the versions
+that made the machine code. What else decides, Numba's index in it knows: where the source lies, and the processor.
 
 With `NUMBA_DISABLE_JIT=1` kernels stay plain Python, for a debugger (`engines.compiled.debug_memory`).
 """
 
+import atexit
 import hashlib
 import os
+import shutil
+import sys
 import tempfile
 from pathlib import Path
 
+import llvmlite
 import numba
 import numpy as np
 from numba.core import config  # also `numba.config`; tested with 0.68.1: `CACHE_DIR`, `DISABLE_JIT`, both read late
@@ -19,8 +24,10 @@ from numba.core import config  # also `numba.config`; tested with 0.68.1: `CACHE
 _PACKAGE = Path(__file__).resolve().parent
 
 
-def _source_hash() -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
+def _key() -> str:
+    """What the machine code depends on, but for the processor."""
+    versions = (numba.__version__, llvmlite.__version__, sys.implementation.cache_tag)
+    digest = hashlib.sha256(repr(versions).encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
         text = source.read_bytes()
         if b"njit" in text or b"import numba" in text or b"from numba" in text:
@@ -30,14 +37,16 @@ def _source_hash() -> str:
 
 
 def _chosen_folder() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(base) / "eigenode" / _source_hash()
+    """The user's cache; where that can't be written, a folder that is gone when the process ends."""
     try:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        folder = Path(base) / "eigenode" / _key()
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-    except OSError:
+    except (OSError, RuntimeError):  # the latter without a home
         folder = Path(tempfile.mkdtemp(prefix="eigenode-cache-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 
 

@@ -19,6 +19,8 @@ from eigenode_cli.terms import NAMES
 
 COLUMNS = ("step", "train_seconds", "lr", *NAMES, "max_real", "n_accepted", "n_rejected", "status", "dense_error")
 """Columns of metrics.csv; the user's own terms follow behind."""
+OPTIMIZER = "optimizer."
+"""What the optimizer's arrays are named in last.safetensors, before their own names."""
 
 
 @dataclass
@@ -98,17 +100,20 @@ class Recorder:
     def checkpoint(self, step: int, network: dict[str, torch.Tensor]) -> None:
         """Write the network's float64 state_dict as `checkpoints/step-NNNNNN.safetensors`."""
         path = self._checkpoints / f"step-{step:06d}.safetensors"
-        tensors = {name: tensor.detach().contiguous() for name, tensor in network.items()}
+        tensors = _plain(network)
         write_atomically(path, lambda draft: save_file(tensors, draft, metadata={"step": str(step)}))
 
-    def save_last(self, progress: Progress, theta: Floats, optimizer: dict[str, Floats]) -> None:
-        """Write what resume needs.
+    def save_last(
+        self, progress: Progress, theta: Floats, optimizer: dict[str, Floats], network: dict[str, torch.Tensor]
+    ) -> None:
+        """Write what resume needs, and beside it the network as `checkpoint` writes it, under the same names.
 
         `last.safetensors` is the one that counts: the JSON stands in its header too, so that a kill between the two
         files can't leave a pair that does not belong together.
         """
         tensors = {"theta": torch.from_numpy(theta.copy()), "random_state": torch.get_rng_state()}
-        tensors |= {f"optimizer.{name}": torch.from_numpy(array.copy()) for name, array in optimizer.items()}
+        tensors |= {f"{OPTIMIZER}{name}": torch.from_numpy(array.copy()) for name, array in optimizer.items()}
+        tensors |= _plain(network)
         state = vars(progress)
         header = {"progress": json.dumps(state)}
         path = self._checkpoints / "last.safetensors"
@@ -129,7 +134,14 @@ def load_last(folder: Path) -> tuple[Progress, Floats, dict[str, Floats]] | None
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a dict
     torch.set_rng_state(tensors.pop("random_state"))
     theta = tensors.pop("theta").numpy().copy()
-    return progress, theta, {name.removeprefix("optimizer."): t.numpy().copy() for name, t in tensors.items()}
+    named = {name: tensor for name, tensor in tensors.items() if name.startswith(OPTIMIZER)}
+    optimizer = {name.removeprefix(OPTIMIZER): tensor.numpy().copy() for name, tensor in named.items()}
+    return progress, theta, optimizer
+
+
+def _plain(network: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """The tensors of a state_dict as a file takes them."""
+    return {name: tensor.detach().contiguous() for name, tensor in network.items()}
 
 
 def write_data(folder: Path, states: Sequence[str], data: Data) -> None:

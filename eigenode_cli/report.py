@@ -9,6 +9,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from omegaconf import OmegaConf
 
+from eigenode_cli.console import minus
 from eigenode_cli.figures import figures_of, svg_of
 from eigenode_cli.figures.convergence import convergence_numbers
 from eigenode_cli.records import Metrics, Run, read_run
@@ -64,7 +65,7 @@ def page_content(run: Run) -> dict[str, Any]:
 
 def number(value: float) -> str:
     """Three significant digits, a dash where there is no number."""
-    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}") if np.isfinite(value) else NOTHING
+    return minus(f"{value:.3g}") if np.isfinite(value) else NOTHING
 
 
 def headline(run: Run) -> list[dict[str, str]]:

@@ -198,7 +198,7 @@ class Trainer:
         return row
 
     def _save(self) -> None:
-        self.recorder.save_last(self.progress, self.theta, self.optimizer.state())
+        self.recorder.save_last(self.progress, self.theta, self.optimizer.state(), self.network(self.theta))
 
 
 def summary(row: dict[str, Any], progress: Progress) -> str:

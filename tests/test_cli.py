@@ -315,3 +315,68 @@ def test_sigterm_interrupts(tmp_path: Path) -> None:
     )
     done = process([sys.executable, "-c", script], tmp_path)
     assert (done.returncode, done.stderr) == (130, "eigenode: interrupted\n")
+
+
+ONE_AFTER_ANOTHER = "defaults:\n  - train\n  - override hydra/launcher: basic\n"
+FEW_PROCESSES = "# @package _global_\nhydra:\n  launcher:\n    n_jobs: 1\n"
+
+
+def write_config(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def test_a_launcher_that_a_config_of_the_users_chooses_runs_the_sweep(runs: Runs, tmp_path: Path) -> None:
+    write_config(tmp_path / "mine" / "slow.yaml", ONE_AFTER_ANOTHER)
+    assert main(["train", "-m", "--config-dir", "mine", "--config-name", "slow", "seed=0,1"]) == 0
+    assert [config.seed for config, _ in runs] == [0, 1]  # joblib's processes would not see the stand-in
+
+
+def test_settings_of_the_launcher_in_a_config_of_the_users_are_taken(runs: Runs, tmp_path: Path) -> None:
+    write_config(tmp_path / "mine" / "machine" / "few.yaml", FEW_PROCESSES)
+    assert main(["train", "-m", "--config-dir", "mine", "+machine=few", "seed=0,1"]) == 0
+    assert [config.seed for config, _ in runs] == [0, 1]  # joblib starts no process for n_jobs=1
+
+
+def test_the_dry_run_counts_the_cores_of_the_checked_launcher(
+    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_config(tmp_path / "mine" / "machine" / "few.yaml", FEW_PROCESSES)
+    cost = ModuleType("eigenode_cli.sweep.cost")
+    counted: list[int] = []
+    cost.show_cost = lambda composer, kinds, workers, drawn: counted.append(workers)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "eigenode_cli.sweep.cost", cost)
+    assert main(["train", "-m", "--config-dir", "mine", "+machine=few", "seed=0,1", "--dry-run"]) == 0
+    assert counted == [1]
+
+
+OPTUNA = "_target_: hydra_plugins.hydra_optuna_sweeper.optuna_sweeper.OptunaSweeper\nn_trials: 20\nsearch_space: null\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["hydra/sweeper=optuna", "seed=0,1"], "hydra/sweeper=optuna: a sweep here runs every combination"),
+        (["hydra/sweeper=optuna", "optimizer.lr=interval(0,1)"], "hydra/sweeper=optuna: a sweep here runs every"),
+        (["+machine=one,other", "seed=0,1"], "hydra/launcher: the runs of this sweep name different launchers"),
+        (["seed=0,1", "hydra.launcher.n_jobs=0"], "hydra.launcher.n_jobs=0: no run would start"),
+        (["seed=0,1", "hydra.sweeper.max_batch_size=0"], "hydra.sweeper.max_batch_size=0: no run would start"),
+    ],
+)
+def test_a_sweep_that_cannot_be_started_leaves_nothing(
+    words: list[str], said: str, runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_config(tmp_path / "mine" / "hydra" / "sweeper" / "optuna.yaml", OPTUNA)  # as the plugin registers it
+    write_config(tmp_path / "mine" / "machine" / "one.yaml", FEW_PROCESSES)
+    write_config(tmp_path / "mine" / "machine" / "other.yaml", FEW_PROCESSES.replace("1", "2"))
+    assert main(["train", "-m", "--config-dir", "mine", *words]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"eigenode: error: {said}")
+    assert err.count("\n") == 1
+    assert not (tmp_path / "outputs").exists()
+
+
+def test_a_foreign_sweeper_does_not_matter_to_a_single_run(runs: Runs, tmp_path: Path) -> None:
+    write_config(tmp_path / "mine" / "hydra" / "sweeper" / "optuna.yaml", OPTUNA)
+    assert main(["train", "--config-dir", "mine", "hydra/sweeper=optuna"]) == 0
+    assert len(runs) == 1

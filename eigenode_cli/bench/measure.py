@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from eigenode_cli.cpus import usable_cores
 from eigenode_cli.data import Floats
 
 SAMPLE_SECONDS = 0.03
@@ -106,7 +107,7 @@ def describe_machine(versions: dict[str, str]) -> dict[str, Any]:
     """What a reader must know of the machine, nothing that identifies it."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     return {
-        "cores": os.cpu_count(),
+        "cores": usable_cores(),
         "architecture": platform.machine(),
         "system": platform.system(),
         "python": platform.python_version(),

@@ -2,12 +2,12 @@
 
 import argparse
 import json
-import os
 import shlex
 import sys
 from pathlib import Path
 from typing import Any
 
+from eigenode_cli.cpus import usable_cores
 from eigenode_cli.errors import UserError
 
 
@@ -37,20 +37,27 @@ def reproduce(args: argparse.Namespace) -> int:
         return _list()
     committed = _committed(args.check)
     from eigenode_cli.reproduce import study as way  # noqa: PLC0415  # joblib and Hydra, only where they are needed
+
+    study = way.prepare(args.names, args.protocol, args.repetitions)
+    folder = args.output or way.default_output(study)
+    with way.alone(folder):
+        verdicts = _carry_out(study, args, folder)
+    return 0 if committed is None else _compare(verdicts, committed, args.check)
+
+
+def _carry_out(study: Any, args: argparse.Namespace, folder: Path) -> list[Any]:
+    """Train and measure what is left, write everything into `folder`, print it; returns the verdicts."""
+    from eigenode_cli.reproduce import study as way  # noqa: PLC0415
     from eigenode_cli.reproduce.journal import write_tables  # noqa: PLC0415
     from eigenode_cli.reproduce.runs import print_runs, run_tables, write_runs  # noqa: PLC0415
     from eigenode_cli.reproduce.tables import Summary, print_verdicts, write_verdicts  # noqa: PLC0415
-    from eigenode_cli.reproduce.verdicts import differences  # noqa: PLC0415
 
-    study = way.prepare(args.names, args.protocol, args.repetitions)
-    jobs = args.jobs or os.cpu_count() or 1
+    jobs = args.jobs or usable_cores()
     way.train(study, jobs)
     way.examine(study, jobs)
     verdicts = study.verdicts()
     titles = {name: experiment.title for name, experiment in study.experiments.items()}
     summary = Summary(study.protocol, study.repetitions, titles, _command(args, study.protocol))
-    folder = args.output or way.default_output(study)
-    folder.mkdir(parents=True, exist_ok=True)
     runs = run_tables(study)
     write_verdicts(folder, verdicts, summary, runs)
     write_runs(folder, runs)
@@ -60,13 +67,18 @@ def reproduce(args: argparse.Namespace) -> int:
     print_runs(runs)
     print_verdicts(verdicts, summary)
     print(f"verdicts {folder / 'verdicts.md'}")
-    if committed is None:
-        return 0
+    return verdicts
+
+
+def _compare(verdicts: list[Any], committed: list[dict[str, Any]], file: Path) -> int:
+    """Say where the verdicts differ from committed ones; returns the exit status."""
+    from eigenode_cli.reproduce.verdicts import differences  # noqa: PLC0415
+
     lines = differences(verdicts, committed)
     for line in lines:
         print(f"eigenode: differs: {line}", file=sys.stderr)
     if not lines:
-        print(f"the verdicts agree with {args.check}")
+        print(f"the verdicts agree with {file}")
     return 1 if lines else 0
 
 
@@ -98,12 +110,13 @@ def _committed(path: Path | None) -> list[dict[str, Any]] | None:
 
 def _list() -> int:
     from eigenode_cli.commands.configs import print_lines  # noqa: PLC0415
+    from eigenode_cli.console import counted  # noqa: PLC0415
     from eigenode_cli.reproduce.library import load, names  # noqa: PLC0415
 
     lines = {}
     for name in names():
         experiment = load(name)
-        runs, claims = len(experiment.runs), len(experiment.claims)
-        lines[name] = f"{experiment.title}: {runs} runs, {claims} claims ({', '.join(experiment.protocols)})"
+        size = f"{counted(len(experiment.runs), 'run')}, {counted(len(experiment.claims), 'claim')}"
+        lines[name] = f"{experiment.title}: {size} ({', '.join(experiment.protocols)})"
     print_lines(lines)
     return 0

@@ -20,11 +20,12 @@ from eigenode_cli.config.compose import finalise, typed
 from eigenode_cli.config.composer import VERSION_BASE, Composer, explain, hydra_values
 from eigenode_cli.config.examine import examine, normalise
 from eigenode_cli.config.sweep import Job, Kind, examine_sweep, is_hydras, repeated
+from eigenode_cli.cpus import usable_cores
 from eigenode_cli.errors import UserError
 from eigenode_cli.paths import CONFIG_DIR, claim_folder, importable, restore_variable
 from eigenode_cli.sweep.conduct import conduct
 from eigenode_cli.sweep.job import figures_chosen
-from eigenode_cli.sweep.launch import cores, launch, launcher_faults, workers
+from eigenode_cli.sweep.launch import launch, launcher_faults, settings_faults, sweeper_faults, workers
 from eigenode_cli.sweep.plan import Sweep, default_folder
 from eigenode_cli.terms import canonical, split_grads
 
@@ -105,16 +106,24 @@ def _parse(words: Sequence[str]) -> argparse.Namespace:
 def _check(args: argparse.Namespace, composer: Composer) -> _Checked:
     """Check the whole command line, every run of a sweep included."""
     hydra_words = [word for word in args.overrides if is_hydras(word)]
-    if missing := launcher_faults(hydra_words):
-        raise UserError(missing)
+    _refuse(launcher_faults(hydra_words))
     found = examine(composer, hydra_words if args.multirun else args.overrides)
     sweep = args.multirun or (found.config is not None and found.config.hydra.mode == RunMode.MULTIRUN)
     if sweep and found.config is not None:
+        _refuse(sweeper_faults(found.config))
         swept = examine_sweep(composer, found.config, args.overrides)
-        return _Checked(swept.checked(), swept.jobs, swept.kinds)
+        config = swept.checked()
+        _refuse([fault for one, _ in swept.kinds for fault in sweeper_faults(one)] or settings_faults(swept.kinds))
+        return _Checked(config, swept.jobs, swept.kinds)
     config = found.checked()
     jobs = repeated(composer, config, args.overrides) if config.repetitions > 1 else []
     return _Checked(config, jobs, [(config, config.repetitions)])
+
+
+def _refuse(faults: list[str]) -> None:
+    """Raise a UserError with the faults, if there are any, each once."""
+    if faults:
+        raise UserError(list(dict.fromkeys(faults)))
 
 
 def _single(words: Sequence[str], composer: Composer, config: DictConfig) -> int:
@@ -161,7 +170,7 @@ def _sweep(args: argparse.Namespace, composer: Composer, checked: _Checked) -> i
         jobs=tuple(checked.jobs),
     )
     if config.repetitions == 1:
-        return conduct(sweep, lambda pending: launch(sweep, pending, composer, of_hydra))
+        return conduct(sweep, launch(sweep, composer, config, of_hydra))
     from eigenode_cli.sweep.repetitions import repeat  # noqa: PLC0415  # torch, as it runs in this process
 
     return conduct(sweep, lambda pending: repeat(sweep, pending, config))
@@ -172,7 +181,7 @@ def _dry_run(args: argparse.Namespace, composer: Composer, checked: _Checked) ->
     from eigenode_cli.sweep.cost import show_cost  # noqa: PLC0415  # torch: it measures
 
     runs = sum(count for _, count in checked.kinds)
-    many = workers(checked.config, runs) if args.multirun else min(runs, cores())
+    many = workers(checked.config, runs) if args.multirun else min(runs, usable_cores())
     show_cost(composer, checked.kinds, many, drawn=not checked.jobs or figures_chosen(args.overrides))
     return 0
 

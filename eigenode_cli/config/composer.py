@@ -22,10 +22,10 @@ from hydra.core.config_search_path import SearchPathQuery
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.utils import setup_globals
+from hydra.core.utils import _save_config, setup_globals
 from hydra.errors import HydraException
 from hydra.types import RunMode, TaskFunction
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, flag_override
 from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
@@ -116,6 +116,28 @@ class Composer:
         `hydra.main` does the same, but composes twice more, first to find out that this is no sweep.
         """
         return Hydra("train", self.loader).run(self.config_name, task, list(words)).return_value
+
+
+def keep_composition(config: DictConfig, folder: Path, words: Sequence[str]) -> None:
+    """Write `.hydra/` into the folder of a run that is no job of Hydra's, as Hydra writes it for its own.
+
+    Args:
+        config: the run's, with its `hydra` node; nothing is written where `hydra.output_subdir` is null.
+        folder: the run's, which becomes `hydra.run.dir`.
+        words: the settings of the run.
+    """
+    if config.hydra.output_subdir is None:
+        return
+    settings = config.copy()
+    with flag_override(settings, ["struct", "readonly"], [False, False]):
+        hydra = settings.pop("hydra")
+        hydra.run.dir = folder.as_posix()
+        hydra.runtime.output_dir = str(folder.resolve())
+        hydra.overrides.task = list(words)
+    place = folder / config.hydra.output_subdir
+    _save_config(settings, "config.yaml", place)
+    _save_config(OmegaConf.create({"hydra": hydra}), "hydra.yaml", place)
+    _save_config(hydra.overrides.task, "overrides.yaml", place)
 
 
 @contextmanager

@@ -22,6 +22,22 @@ from eigenode_cli.config.values import value_faults
 from eigenode_cli.errors import UserError, nearest, unknown
 from eigenode_cli.terms import NAMES, canonical, split_grads
 
+ALIASES = {
+    "learning_rate": "lr",
+    "step_size": "lr",
+    "epochs": "steps",
+    "iterations": "steps",
+    "max_iter": "steps",
+    "tol": "rtol",
+    "relative_tolerance": "rtol",
+    "absolute_tolerance": "atol",
+    "layers": "hidden",
+    "width": "hidden",
+    "random_seed": "seed",
+    "loss": "grads",
+    "terms": "grads",
+}
+"""Names that other programs have for a setting."""
 TYPES = {"Integer": "a whole number", "Float": "a number", "bool": "true or false"}
 
 
@@ -222,12 +238,13 @@ def _unknown_key(config: DictConfig, key: str) -> str:
     choices = config.hydra.runtime.choices
     if group in choices and OmegaConf.is_dict(config[group]):
         options = [name for name in config[group] if name not in ("name", "dynamics")]
-        guess = nearest(last, options)
+        alias = ALIASES.get(last.lower())
+        guess = alias if alias in options else nearest(last, options)
         hint = f", did you mean {group}.{guess}?" if guess else ""
         has = ", ".join(options) or "none"
         return f"{choices[group]} has no option '{last}'{hint} (it has: {has})"
     keys = list(_keys(config)) if key.startswith("hydra") else [k for k in _keys(config) if not k.startswith("hydra")]
-    same = [k for k in keys if k.rpartition(".")[2] == last]
+    same = [k for k in keys if k.rpartition(".")[2] in (last, ALIASES.get(last.lower()))]
     guess = same[0] if same else nearest(key, keys) or _by_last_part(last, keys)
     hint = f", did you mean {guess}?" if guess else ";"
     return f"unknown setting '{key}'{hint} 'eigenode train --cfg job' lists all"
@@ -236,7 +253,8 @@ def _unknown_key(config: DictConfig, key: str) -> str:
 def _by_last_part(last: str, keys: Sequence[str]) -> str | None:
     parts = {key.rpartition(".")[2]: key for key in keys}
     guess = nearest(last, parts)
-    return parts[guess] if guess else None
+    likely = guess is not None and 2 * len(guess) > len(last)  # damping is no mistyped dmp
+    return parts[guess] if guess is not None and likely else None
 
 
 def _keys(node: DictConfig, prefix: str = "") -> Iterator[str]:

@@ -104,11 +104,17 @@ def repeated(composer: Composer, config: DictConfig, words: Sequence[str]) -> li
 
 def settings_of(config: DictConfig, seed: int) -> DictConfig:
     """What a single run with this seed reads; `config` is checked and has its `hydra` node."""
-    settings = config.copy()
+    settings = of_seed(config, seed)
     with hydra_values(config), open_dict(settings):
         del settings["hydra"]
-        settings.seed, settings.repetitions = seed, 1
         return finalise(settings)
+
+
+def of_seed(config: DictConfig, seed: int) -> DictConfig:
+    """The configuration of a single run with this seed."""
+    single = config.copy()
+    single.seed, single.repetitions = seed, 1
+    return single
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:

@@ -7,13 +7,14 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from eigenode_cli.console import counted, minus
 from eigenode_cli.files import write_text
 from eigenode_cli.reproduce.figures import figure_numbers, svg
 from eigenode_cli.reproduce.journal import tables_of
 from eigenode_cli.reproduce.runs import RunTable, run_tables
 from eigenode_cli.reproduce.schema import Experiment
 from eigenode_cli.reproduce.study import Study
-from eigenode_cli.reproduce.tables import Summary, counts, found, seeds
+from eigenode_cli.reproduce.tables import Summary, TextTable, counts, found
 from eigenode_cli.reproduce.verdicts import Verdict
 
 
@@ -30,7 +31,7 @@ def write_page(study: Study, verdicts: Sequence[Verdict], summary: Summary, fold
     content = {
         "protocol": summary.protocol,
         "counts": counts(verdicts),
-        "seeds": seeds(summary.repetitions),
+        "seeds": counted(summary.repetitions, "seed"),
         "command": summary.command,
         "experiments": [
             _section(study, name, experiment, [v for v in verdicts if v.experiment == name], tables.get(name))
@@ -56,6 +57,16 @@ def _section(
         "name": name,
         "title": experiment.title,
         "figures": figures,
-        "claims": [{**vars(verdict), "found": found(verdict)} for verdict in verdicts],
-        "tables": [*([runs] if runs is not None else []), *tables_of(study, name)],
+        "claims": [
+            {**vars(verdict), "expected": minus(verdict.expected), "found": minus(found(verdict))}
+            for verdict in verdicts
+        ],
+        "tables": [
+            _table(table.title, table) for table in [*([] if runs is None else [runs]), *tables_of(study, name)]
+        ],
     }
+
+
+def _table(title: str, table: TextTable) -> dict[str, Any]:
+    """A table as the page shows it."""
+    return {"title": title, "header": table.header, "rows": [[minus(cell) for cell in row] for row in table.rows]}

@@ -1,21 +1,24 @@
 """The way of one `eigenode reproduce`: experiments, units, training, measuring, verdicts, files."""
 
+import copy
+import hashlib
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 
+from filelock import FileLock, Timeout
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from eigenode_cli.config.compose import run_config, typed
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.config.examine import examine as examine_words
-from eigenode_cli.console import duration
+from eigenode_cli.console import counted, duration
 from eigenode_cli.errors import UserError, unknown
-from eigenode_cli.paths import OUTPUTS
+from eigenode_cli.paths import OUTPUTS, slug
 from eigenode_cli.reproduce.library import load, names, run_lines, words_of
 from eigenode_cli.reproduce.measures import Result
 from eigenode_cli.reproduce.schema import Experiment
@@ -25,6 +28,8 @@ from eigenode_cli.reproduce.verdicts import Verdict, judge
 DEFAULT_PROTOCOL = "paper"
 INTERRUPTED = 130
 """Exit status of a run that the user interrupted."""
+LOCK = ".lock"
+"""File in the output folder that is held by who writes there."""
 LINES = 20
 """About as many lines of progress go into a pipe."""
 
@@ -133,7 +138,8 @@ def prepare(wanted: Sequence[str], protocol: str | None, repetitions: int) -> St
             found = examine_words(composer, words)
             faults += run_lines(name, label, found)
             if not faults:
-                units[name][label] = seeded(typed(run_config(found)), words, repetitions)
+                composed = copy.deepcopy(found.config)
+                units[name][label] = seeded(typed(run_config(found)), words, repetitions, composed)
     if faults:
         raise UserError(faults)
     return Study(chosen, repetitions, experiments, units)
@@ -143,7 +149,7 @@ def train(study: Study, jobs: int) -> None:
     """Train what is not finished yet."""
     units = study.all_units
     todo = pending(units)
-    print(f"protocol {study.protocol}: {len(units)} runs, {len(units) - len(todo)} of them finished before")
+    print(f"protocol {study.protocol}: {counted(len(units), 'run')}, {len(units) - len(todo)} of them finished before")
     start = perf_counter()
     failed = 0
     with _counter("training", len(todo)) as done:
@@ -153,7 +159,10 @@ def train(study: Study, jobs: int) -> None:
             failed += status != 0
             done()
     if todo:
-        print(f"trained {len(todo)} runs in {duration(perf_counter() - start)}" + (f", {failed} failed" * (failed > 0)))
+        print(
+            f"trained {counted(len(todo), 'run')} in {duration(perf_counter() - start)}"
+            + (f", {failed} failed" * (failed > 0))
+        )
 
 
 def examine(study: Study, jobs: int) -> None:
@@ -174,8 +183,39 @@ def examine(study: Study, jobs: int) -> None:
 
 
 def default_output(study: Study) -> Path:
-    """Where verdicts and figures go if the user says nothing."""
-    return OUTPUTS / "reproduce" / study.protocol
+    """Where verdicts and figures go if the user says nothing: a folder that only the same study finds again.
+
+    It is named for people, and by a hash of everything that the page shows: experiments, their runs and seeds.
+    """
+    name = f"{slug('+'.join(study.experiments))}_{counted(study.repetitions, 'seed').replace(' ', '-')}"
+    shown = [*map(repr, study.experiments.values()), *sorted(str(unit.folder) for unit in study.all_units)]
+    mark = hashlib.sha1("\n".join(shown).encode()).hexdigest()[:8]
+    return OUTPUTS / "reproduce" / slug(study.protocol) / f"{name}-{mark}"
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Make the output folder, and keep other processes from writing into it.
+
+    Raises:
+        UserError: another one does, or the folder cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--output {folder}: no folder can be made there ({error.strerror})") from error
+    lock = FileLock(folder / LOCK)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        hint = "wait until it ends, or name another folder with --output"
+        raise UserError(f"{folder}: another eigenode reproduce writes into it; {hint}") from None
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # Windows keeps a file that is open; elsewhere who waits for it sees that it is gone
+            (folder / LOCK).unlink()
+        lock.release()
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.table import Table
 
+from eigenode_cli.console import counted
 from eigenode_cli.files import write_json, write_table, write_text
 from eigenode_cli.reproduce.verdicts import FAILS, HOLDS, MIXED, UNDEFINED, Verdict
 
@@ -79,12 +80,9 @@ def counts(verdicts: Sequence[Verdict]) -> str:
     """How many claims hold, are mixed, fail."""
     listed = [verdict.verdict for verdict in verdicts]
     parts = [f"{listed.count(name)} {name}" for name in (HOLDS, MIXED, FAILS, UNDEFINED) if name in listed]
-    return f"{len(listed)} claims: " + ", ".join(parts)
-
-
-def seeds(count: int) -> str:
-    """A number of seeds in words."""
-    return "1 seed" if count == 1 else f"{count} seeds"
+    if not listed:
+        return "no claims"
+    return f"{counted(len(listed), 'claim')}: {', '.join(parts)}"
 
 
 def print_verdicts(verdicts: Sequence[Verdict], summary: Summary) -> None:
@@ -103,10 +101,10 @@ def print_verdicts(verdicts: Sequence[Verdict], summary: Summary) -> None:
         else:
             print(f"\n{title} ({name})")
             for verdict in rows:
-                line = f"{verdict.expected}: {found(verdict)}, {verdict.kept} of {verdict.seeds} seeds"
+                line = f"{verdict.expected}: {found(verdict)}, {verdict.kept} of {counted(verdict.seeds, 'seed')}"
                 failed = f", {verdict.failures} failed" if verdict.failures else ""
                 print(f"{verdict.verdict:<9}  {verdict.sentence}  ({verdict.place}; {line}{failed})")
-    print(f"\nprotocol {summary.protocol}, {seeds(summary.repetitions)}, {counts(verdicts)}")
+    print(f"\nprotocol {summary.protocol}, {counted(summary.repetitions, 'seed')}, {counts(verdicts)}")
 
 
 def write_verdicts(folder: Path, verdicts: Sequence[Verdict], summary: Summary, runs: Mapping[str, TextTable]) -> None:
@@ -134,7 +132,7 @@ def _cell(value: float | int | str | None) -> float | int | str:
 def markdown(verdicts: Sequence[Verdict], summary: Summary, runs: Mapping[str, TextTable]) -> str:
     """Claims and runs as Markdown, one section an experiment."""
     lines = [
-        f"# Claims under protocol={summary.protocol}, {seeds(summary.repetitions)}",
+        f"# Claims under protocol={summary.protocol}, {counted(summary.repetitions, 'seed')}",
         "",
         f"{counts(verdicts)}. Made by `{summary.command}`.",
         "",

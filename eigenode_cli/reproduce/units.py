@@ -9,9 +9,11 @@ from typing import Any
 
 from joblib import Parallel, delayed
 from joblib.externals.loky import get_reusable_executor
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
+from eigenode_cli.config.composer import keep_composition
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.sweep import of_seed
 from eigenode_cli.paths import OUTPUTS, slug
 
 FINISHED = "finished"
@@ -19,11 +21,19 @@ FINISHED = "finished"
 
 @dataclass(frozen=True)
 class Unit:
-    """One training: its configuration, its folder, and the words that start it by hand."""
+    """One training.
+
+    Attributes:
+        config: its configuration.
+        folder: where it lies.
+        words: start it by hand, behind `eigenode train`.
+        composed: what Hydra composed for any seed, with its `hydra` node; kept in `.hydra/` where it is given.
+    """
 
     config: TrainConfig
     folder: Path
     words: tuple[str, ...]
+    composed: DictConfig | None = None
 
     def record(self) -> dict[str, Any] | None:
         """What run.json says, None where there is none or it was cut off by a kill."""
@@ -53,16 +63,19 @@ def folder_of(config: TrainConfig) -> Path:
     return OUTPUTS / "reproduce" / slug(config.protocol) / "runs" / f"{name}-{mark}" / f"seed{config.seed:04d}"
 
 
-def seeded(config: TrainConfig, words: Sequence[str], repetitions: int) -> list[Unit]:
+def seeded(
+    config: TrainConfig, words: Sequence[str], repetitions: int, composed: DictConfig | None = None
+) -> list[Unit]:
     """The units of a run with the seeds 0, 1, ...; the seed alone decides the initial weights, so they are paired.
 
     Args:
         config: the run's configuration with any seed.
         words: of `eigenode train`, but for the seed.
         repetitions: number of seeds.
+        composed: see `Unit`.
     """
     configs = [replace(config, seed=seed) for seed in range(repetitions)]
-    return [Unit(one, folder_of(one), (*words, f"seed={one.seed}")) for one in configs]
+    return [Unit(one, folder_of(one), (*words, f"seed={one.seed}"), composed) for one in configs]
 
 
 def distinct(units: Sequence[Unit]) -> list[Unit]:
@@ -85,6 +98,8 @@ def train_unit(unit: Unit) -> int:
     if record is not None and unit.status in ("running", "interrupted"):
         return run.resume(unit.config, unit.folder, record, quiet=True)
     unit.folder.mkdir(parents=True, exist_ok=True)
+    if unit.composed is not None:
+        keep_composition(of_seed(unit.composed, unit.config.seed), unit.folder, unit.words)
     return run.train(unit.config, unit.folder, unit.words, quiet=True)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import betabinom
 
+from eigenode_cli.console import counted
 from eigenode_cli.data import Floats
 from eigenode_cli.reproduce.measures import MEASURES, TIMED, Result
 from eigenode_cli.reproduce.schema import ClaimSpec
@@ -174,7 +175,7 @@ def differences(found: Sequence[Verdict], committed: Sequence[Mapping[str, Any]]
             chance = probability(verdict.kept, verdict.seeds, row["kept"], row["seeds"])
             if chance < LEAST_CHANCE:
                 lines.append(
-                    f"{name}: {verdict.verdict} ({verdict.kept} of {verdict.seeds} seeds), committed is"
+                    f"{name}: {verdict.verdict} ({verdict.kept} of {counted(verdict.seeds, 'seed')}), committed is"
                     f" {row['verdict']} ({row['kept']} of {row['seeds']}); the chance of this is {chance:.2g}"
                 )
     return lines

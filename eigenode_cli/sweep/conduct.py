@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from eigenode_cli.config.sweep import Job
+from eigenode_cli.console import counted
 from eigenode_cli.sweep.plan import Sweep, check_folder, write_plan
 from eigenode_cli.sweep.progress import watched
 from eigenode_cli.sweep.state import forget_failure, read_state
@@ -47,7 +48,7 @@ def conduct(sweep: Sweep, start: Start) -> int:
 
 def _announce(sweep: Sweep, pending: Sequence[Job], resumed: int) -> None:
     done = len(sweep.jobs) - len(pending)
-    parts = [f"{len(sweep.jobs)} runs"]
+    parts = [counted(len(sweep.jobs), "run")]
     if done:
         parts.append(f"{done} finished already, skipped")
     if resumed:

@@ -208,7 +208,7 @@ def _seconds(*command: str) -> float:
 def _job_seconds(composer: Composer) -> float:
     """Time that a job takes without its run: its configuration, made from one of another seed, and its files."""
     with tempfile.TemporaryDirectory(prefix="eigenode-dry-run-") as folder:
-        launcher, _ = launcher_of(composer, ["hydra/launcher=basic", quoted("hydra.sweep.dir", folder)], _idle, JOBS)
+        launcher = launcher_of(composer, ["hydra/launcher=basic", quoted("hydra.sweep.dir", folder)], _idle)
         seconds = []
         for seed in range(JOBS):
             clock = perf_counter()

@@ -7,6 +7,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from eigenode_cli.console import minus
 from eigenode_cli.report import number
 from eigenode_cli.sweep.figure import svg_of_sweep
 from eigenode_cli.sweep.plan import Sweep
@@ -46,7 +47,7 @@ def page_content(sweep: Sweep) -> dict[str, Any]:
         "unsolvable": sum(row.failed and row.state.status == "finished" for row in rows),
         "figure": _data_uri(svg_of_sweep(groups)) if finished else None,
         "group_header": names,
-        "groups": [cells(one, names[: -len(RESULTS) - 2]) for one in groups],
+        "groups": [[minus(cell) for cell in cells(one, names[: -len(RESULTS) - 2])] for one in groups],
         "run_header": [*varying, "status", *(name.replace("_", " ") for name in COLUMNS), "folder"],
         "runs": [
             {

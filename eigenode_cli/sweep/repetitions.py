@@ -7,12 +7,13 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from omegaconf import DictConfig
 
 from eigenode_cli.config.compose import typed
-from eigenode_cli.config.sweep import Job, settings_of
+from eigenode_cli.config.composer import keep_composition
+from eigenode_cli.config.sweep import Job, of_seed, settings_of
 from eigenode_cli.console import QuietDisplay
+from eigenode_cli.cpus import usable_cores
 from eigenode_cli.figures import draw_run
 from eigenode_cli.report import write_report
 from eigenode_cli.sweep.job import attempt, contained, figures_chosen
-from eigenode_cli.sweep.launch import cores
 from eigenode_cli.sweep.plan import Sweep
 from eigenode_cli.sweep.state import recorded
 
@@ -53,7 +54,9 @@ def repeat(sweep: Sweep, pending: Sequence[Job], config: DictConfig, threads: in
     drawn = any(figures_chosen(job.overrides) and configs[job].trainer.figures for job in pending)
     for own in configs.values():
         own.trainer.figures = False  # matplotlib is not for several threads: they are drawn afterwards
-    with ThreadPoolExecutor(threads or cores(), thread_name_prefix="repetition") as pool:
+    for job in pending:
+        keep_composition(of_seed(config, seeds[job]), sweep.place(job), job.overrides)
+    with ThreadPoolExecutor(threads or usable_cores(), thread_name_prefix="repetition") as pool:
         futures = [pool.submit(run, job) for job in pending]
         try:
             wait(futures)

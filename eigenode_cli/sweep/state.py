@@ -1,12 +1,13 @@
 """How far each run of a sweep is: read from its folder, whoever runs it, on whatever machine."""
 
-import fcntl
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
+
+from filelock import FileLock, Timeout
 
 WAITING = "waiting"
 """Of a run that was not started yet; the other statuses are those of run.json."""
@@ -62,20 +63,14 @@ def forget_failure(folder: Path) -> None:
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Wait until no other process works in `folder`, and keep others out meanwhile; a kill frees it too."""
-    with _lock_file(folder) as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with FileLock(folder / LOCK):
         yield
 
 
 def _held(folder: Path) -> bool:
     """Whether a process works in `folder`."""
-    with _lock_file(folder) as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-    return False
-
-
-def _lock_file(folder: Path) -> TextIO:
-    return (folder / LOCK).open("a")
+    try:
+        with FileLock(folder / LOCK, blocking=False):
+            return False
+    except Timeout:
+        return True

@@ -24,6 +24,12 @@ WRONG = [
     ("train trainer.horizons=[0.5,0.2]", "trainer.horizons=[0.5,0.2]: must be growing fractions that end with 1"),
     # keys
     ("train sede=3", "sede=3: unknown setting 'sede', did you mean seed? 'eigenode train --cfg job' lists all"),
+    (
+        "train optimizer.learning_rate=3",
+        "optimizer.learning_rate=3: adam has no option 'learning_rate', did you mean optimizer.lr? (it has: ",
+    ),
+    ("train epochs=9", "epochs=9: unknown setting 'epochs', did you mean trainer.steps?"),
+    ("train damping=1", "damping=1: unknown setting 'damping'; 'eigenode train --cfg job' lists all"),
     ("train lr=3", "lr=3: unknown setting 'lr', did you mean optimizer.lr?"),
     ("train trainer.step=9", "trainer.step=9: unknown setting 'trainer.step', did you mean trainer.steps?"),
     ("train solver=rk4 solver.rtol=1e-3", "solver.rtol=1e-3: rk4 has no option 'rtol' (it has: step)"),
@@ -195,6 +201,7 @@ WRONG = [
     ("train -m grads=sol,sol+frq scale.stf=3", "scale.stf: no effect, "),
     ("train hydra.mode=MULTIRUN system=vdp,vpd", "system=vpd: unknown system 'vpd', did you mean vdp?"),
     # other commands
+    ("export", "unknown command 'export'; choose from "),
     ("trian", "unknown command 'trian', did you mean train? choose from train, "),
     ("system=vdp", "system=vdp: a setting without a command; write eigenode train system=vdp"),
     ("list solvers", "list solvers: unknown group 'solvers', did you mean solver? choose from solver, "),

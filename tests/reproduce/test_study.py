@@ -2,17 +2,19 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from eigenode_cli.cli import main
+from eigenode_cli.console import minus
 from eigenode_cli.errors import UserError
 from eigenode_cli.reproduce import study as way
 from eigenode_cli.reproduce.journal import HEADER, hit_step, journal_table
 from eigenode_cli.reproduce.library import names
 from eigenode_cli.reproduce.study import Study, choose, prepare, train
-from eigenode_cli.reproduce.tables import found, number
+from eigenode_cli.reproduce.tables import counts, found, number
 from tests.reproduce.conftest import write_experiment
 
 
@@ -97,6 +99,67 @@ def test_the_command_leaves_everything(study: Study, tmp_path: Path, capsys: pyt
         "eigenode: differs: small/perfect: fails (0 of 2 seeds), committed is holds (99 of 99)"
         in capsys.readouterr().err
     )
+
+
+def run_small(*words: str) -> int:
+    return main(["reproduce", "small.yaml", "--jobs", "1", "--no-figures", *words])
+
+
+def test_each_study_has_a_folder_of_its_own(study: Study) -> None:
+    results = Path("outputs", "reproduce", "paper")
+
+    def written() -> dict[str, bytes]:
+        return {path.parent.name: path.read_bytes() for path in results.glob("*/verdicts.json")}
+
+    assert run_small("--repetitions", "1") == 0
+    (first,) = written()
+    assert first.startswith("small_1-seed-")
+    before = written()[first]
+    assert run_small("--repetitions", "2") == 0
+    assert written()[first] == before
+    (second,) = written().keys() - {first}
+    assert second.startswith("small_2-seeds-")
+    assert run_small("--repetitions", "1") == 0
+    assert written().keys() == {first, second}
+    assert way.default_output(study).name == second
+    changed = replace(study.experiments["small"], title="Another study")
+    assert way.default_output(replace(study, experiments={"small": changed})).name not in (first, second)
+    assert not list(results.rglob(".lock"))
+
+
+def test_two_at_once_do_not_write_into_one_folder(
+    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    with way.alone(out):
+        assert run_small("--output", str(out)) == 2
+    assert "another eigenode reproduce writes into it; wait until it ends" in capsys.readouterr().err
+    assert list(out.iterdir()) == []
+    (tmp_path / "file").touch()
+    assert run_small("--output", str(tmp_path / "file")) == 2
+    assert capsys.readouterr().err.startswith(f"eigenode: error: --output {tmp_path / 'file'}: no folder can be made")
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "said"), [(0, "no claims"), (1, "1 claim: 1 holds"), (2, "2 claims: 1 holds, 1 fails")]
+)
+def test_counts_of_claims(verdicts: int, said: str, study: Study) -> None:
+    size, _, perfect = study.verdicts()
+    assert counts([size, perfect][:verdicts]) == said
+
+
+def test_one_seed_is_one_seed(study: Study, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_small("--repetitions", "1") == 0
+    said = capsys.readouterr().out
+    assert "1 of 1 seed)" in said
+    assert "protocol paper, 1 seed, 3 claims: 2 holds, 1 fails" in said
+    assert "1 seeds" not in said
+
+
+def test_one_kind_of_minus_on_a_page() -> None:
+    text = "{0}0.0123 [{0}2e{0}05, 1e+3] from {0}1 to .5"
+    assert minus(text.format("-")) == text.format("\N{MINUS SIGN}")
+    assert minus("run-2 sol+frq-3 2026-11-24") == "run-2 sol+frq-3 2026-11-24"
 
 
 def test_journal_table(study: Study) -> None:

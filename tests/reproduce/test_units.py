@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from eigenode_cli import run
 from eigenode_cli.reproduce.study import Study, prepare, train
@@ -40,6 +41,16 @@ def test_a_folder_stands_for_every_setting_but_the_seed(study: Study) -> None:
     assert folder_of(replace(unit.config, seed=7)) == unit.folder.with_name("seed0007")
     assert unit.folder.parts[:4] == ("outputs", "reproduce", "paper", "runs")
     assert [one.words[-1] for one in seeded(unit.config, ["grads=sol"], 2)] == ["seed=0", "seed=1"]
+
+
+def test_hydras_files_stand_in_every_folder(study: Study) -> None:
+    for unit in study.all_units:
+        place = unit.folder / ".hydra"
+        assert {path.name for path in place.iterdir()} == {"config.yaml", "hydra.yaml", "overrides.yaml"}
+        assert OmegaConf.load(place / "overrides.yaml") == [*unit.words]
+        composed = OmegaConf.load(place / "config.yaml")
+        assert (composed.seed, composed.trainer.steps) == (unit.config.seed, 20)
+        assert OmegaConf.load(place / "hydra.yaml").hydra.runtime.output_dir == str(unit.folder.resolve())
 
 
 def test_finished_units_are_left_alone(study: Study) -> None:

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.config.examine import examine
@@ -34,6 +35,19 @@ def test_equal_to_a_sweep_over_the_seeds(threads: int, tmp_path: Path) -> None:
     for run in runs(tmp_path / "threads").values():
         config = json.loads((run / "run.json").read_text())["config"]
         assert config["repetitions"] == 1
+        check_hydras_files(run, config)
+
+
+def check_hydras_files(run: Path, config: dict[str, object]) -> None:
+    """`.hydra/` is what Hydra itself writes for a job."""
+    composed = OmegaConf.load(run / ".hydra" / "config.yaml")
+    assert (composed.seed, composed.repetitions, composed.grads) == (config["seed"], 1, config["grads"])
+    assert "hydra" not in composed
+    hydra = OmegaConf.load(run / ".hydra" / "hydra.yaml").hydra
+    assert (hydra.run.dir, hydra.runtime.output_dir) == (run.as_posix(), str(run))
+    words = OmegaConf.load(run / ".hydra" / "overrides.yaml")
+    assert words == hydra.overrides.task
+    assert words == [*WORDS, f"seed={config['seed']}"]
 
 
 @pytest.mark.slow

@@ -22,9 +22,9 @@ from eigenode_cli.engines.base import (
 from eigenode_cli.engines.compiled import kernel
 from eigenode_cli.engines.compiled.apart import compile_apart
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
+from eigenode_cli.engines.compiled.cached import not_ready
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, Method
 from eigenode_cli.engines.compiled.mlp import MlpShape
-from eigenode_cli.jit import cache_folder
 from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
 from eigenode_cli.solve.status import Status
@@ -313,11 +313,11 @@ class CompiledEngine:
         if numba.config.DISABLE_JIT and not self._loaded:
             self._announce("NUMBA_DISABLE_JIT is set: kernels run as plain Python, very slowly, for debugging")
         signatures = {name: self._signature(name) for name in fresh if not numba.config.DISABLE_JIT}
-        missing = {name: signature for name, signature in signatures.items() if not _is_compiled(name)}
         start = time.perf_counter()
-        if missing:
-            self._announce("compiling the engine, once for this version (about a minute)")
-            compile_apart(missing)
+        if missing := not_ready(kernel, signatures):
+            self._announce("compiling the engine, once for this environment (one to two minutes)")
+            if fault := compile_apart(missing):
+                self._announce(f"compiling it within this run, as it failed in a process of its own: {fault}")
         for name, signature in signatures.items():
             getattr(kernel, name).compile(signature)
         self._loaded.update(fresh)
@@ -338,11 +338,6 @@ class CompiledEngine:
             "evaluate": (*solve, self._codes, values, states, spectra, self._room.steps, NO_STEPS, values, states),
         }
         return tuple(numba.typeof(argument) for argument in arguments[name])
-
-
-def _is_compiled(name: str) -> bool:
-    """Whether the kernel of this name is loaded, or lies in the cache."""
-    return bool(getattr(kernel, name).signatures) or any(cache_folder().rglob(f"kernel.{name}-*.nbi"))
 
 
 def _solver(owner: Owner, solver: SolverConfig) -> tuple[Method, float]:
