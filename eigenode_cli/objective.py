@@ -46,3 +46,11 @@ class Objective:
         if jacobian.status is not Status.OK or not (math.isfinite(value) and np.isfinite(gradient).all()):
             value = math.inf
         return Evaluated(value, gradient, jacobian)
+
+
+FLAT = 1e-3
+
+
+def stationary(gradient: Floats, theta: Floats) -> bool:
+    """TODO"""
+    return not gradient.any()

@@ -10,7 +10,6 @@ from typing import Any, TextIO
 
 WAITING = "waiting"
 """Of a run that was not started yet; the other statuses are those of run.json."""
-DONE = ("finished", "failed")
 LOCK = ".lock"
 ERROR = "error.txt"
 
