@@ -4,46 +4,81 @@
 
 Each training is the command itself in a process of its own. It gets SIGINT, SIGTERM and SIGKILL in turn, at a moment
 drawn between its start and its end; every second resumption is interrupted as well. Where nothing was recorded yet, the
-command is given again. What must agree is metrics.csv but for the time, every checkpoint, and all that the last one
-holds for a resumption (weights, optimizer, random state).
+command is given again. One in ten is a new interpreter; the others are forked from a process that has loaded what they
+need, so that most signals come while something is trained.
+
+What must agree is metrics.csv but for the time, every checkpoint, all that the last one holds for a resumption
+(weights, optimizer, random state), solution.csv and eigenvalues.csv.
 """
 
 import argparse
+import contextlib
+import io
 import json
+import multiprocessing
 import os
-import random
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from random import Random
 from typing import Any
 
 from safetensors.numpy import load_file
 
+from eigenode_cli import __version__
+from eigenode_cli.cli import main as eigenode
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
-OFTEN = ("trainer.record_every=10", "trainer.checkpoint_every=40")
-PLAIN = ("system=oscillator", *OFTEN)
+
+FRESH = 0.1
+"""Share of the trainings that run in new interpreters."""
+
+SMALL = ("system=oscillator", "trainer.record_every=10", "trainer.checkpoint_every=40")
 STAGES = ("trainer.horizons=[0.3,0.6,1]",)
-PRETRAINED = ("trainer.pretrain=sol+frq", "trainer.pretrain_steps=500")
+PRETRAINED = ("trainer.pretrain=sol+frq", "trainer.pretrain_steps=300")
+SGD = ("optimizer=sgd", "optimizer.lr=1e-3", "optimizer.momentum=0.9")
 BFGS = ("optimizer=adam_bfgs", "combine=sum", "solver.rtol=1e-6")
+TORCH = ("engine=torch", "trainer.checkpoint_every=5", "system.horizon=1.5", "system.points=16")
 CASES: dict[str, tuple[tuple[str, ...], int]] = {
-    "compiled adam": ((*PLAIN, "grads=sol+frq+dmp+osc"), 6000),
-    "compiled adam, figures": ((*PLAIN, "grads=sol+stb", "trainer.figures=true"), 3000),
-    "compiled sgd, stages": ((*PLAIN, *PRETRAINED, *STAGES, "grads=sol+stb", "optimizer=sgd", "optimizer.lr=1e-3"), 6000),
-    "compiled bfgs, stages": ((*PLAIN, *BFGS, *STAGES, "grads=sol+frq", "optimizer.adam_steps=300"), 900),
-    "robust": (("system=vdp", *OFTEN, "protocol=robust", "trainer.spectral_steps=200"), 800),
-    "torch adam": ((*PLAIN, "grads=sol+frq", "engine=torch", "trainer.checkpoint_every=4"), 16),
-    "torch sgd, stages": ((*PLAIN, *STAGES, "engine=torch", "grads=sol+stb", "optimizer=sgd", "optimizer.lr=1e-3"), 24),
-    "torch bfgs, stages": (
-        (*PLAIN, *BFGS, *STAGES, "engine=torch", "grads=sol+frq", "optimizer.adam_steps=8", "trainer.spectral_steps=4"),
-        20,
-    ),
+    "compiled adam": ((*SMALL, "grads=sol+frq+dmp+osc"), 2000),
+    "compiled sgd, pre-trained, stages": ((*SMALL, *PRETRAINED, *STAGES, *SGD, "grads=sol+stb"), 2000),
+    "compiled bfgs, stages": ((*SMALL, *BFGS, *STAGES, "grads=sol+frq", "optimizer.adam_steps=200"), 400),
+    "compiled robust": ((*SMALL, "protocol=robust", "grads=sol+frq+stb", "trainer.spectral_steps=200"), 400),
+    "compiled adam, figures": ((*SMALL, "grads=sol+stb", "trainer.figures=true"), 1000),
+    "torch adam": ((*SMALL, *TORCH, "grads=sol+frq"), 24),
+    "torch sgd, stages": ((*SMALL, *TORCH, *STAGES, *SGD, "grads=sol+stb"), 24),
+    "torch bfgs, spectra first": ((*SMALL, *TORCH, *BFGS, "grads=sol+frq", "trainer.spectral_steps=6"), 18),
 }
 """Words and steps of each kind of training."""
+COUNTED = ("trainer.pretrain_steps", "optimizer.adam_steps", "trainer.spectral_steps")
+"""Settings that count steps, besides their number."""
+
+
+@dataclass(frozen=True)
+class Blow:
+    """One signal.
+
+    Attributes:
+        signal: its name.
+        fraction: of the life of the undisturbed training after which it came.
+        exit: status of the process, negative where the signal itself ended it, 0 where it had ended before.
+        found: status in run.json then, None where there was none.
+        step: of the last checkpoint then, None where there was none.
+        seconds: from the signal to the end of the process.
+    """
+
+    signal: str
+    fraction: float
+    exit: int
+    found: str | None
+    step: int | None
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -51,25 +86,18 @@ class Interruption:
     """One training that was interrupted, once or twice.
 
     Attributes:
-        case, signals: which, and by what.
-        fractions: of the life of the undisturbed training (of the resumption for the second) at which they came.
-        exits: status of every process but the last, negative for one that the signal ended.
-        found: status in run.json after each, None where there was none.
-        steps: training steps that were saved by then, None where nothing was.
-        resumed: exit status of the last process, 0.
+        case: which.
+        fresh: whether its processes were new interpreters.
+        blows: the signals.
+        resumed: exit status of the last process.
         equal: whether the bytes are those of the undisturbed training.
-        seconds: from the signal to the end of each process.
     """
 
     case: str
-    signals: list[str]
-    fractions: list[float]
-    exits: list[int]
-    found: list[str | None]
-    steps: list[int | None]
+    fresh: bool
+    blows: list[Blow]
     resumed: int
     equal: bool
-    seconds: list[float]
 
 
 def main() -> None:
@@ -81,51 +109,80 @@ def main() -> None:
     parser.add_argument("--shorter", type=int, default=1, help="divides the steps of every training")
     parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
     args = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it, and so its children
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}  # as the command does
+    results: list[Interruption] = []
     with tempfile.TemporaryDirectory() as folder:
-        results = interrupt_all(Path(folder), args.cases, args.count, args.seed, args.shorter)
-    text = json.dumps(summary(results, " ".join(["python", "benchmarks/interruptions.py", *sys.argv[1:]])), indent=1)
-    print(text[: text.index('"each"')].rstrip())
-    if args.output:
-        args.output.write_text(text + "\n")
+        for result in interrupt_all(Path(folder), args.cases, args.count, args.seed, args.shorter):
+            print(len(results), result, flush=True)
+            results.append(result)
+            if args.output:
+                args.output.write_text(json.dumps(summary(results), indent=1) + "\n")
+    print(json.dumps({key: value for key, value in summary(results).items() if key != "each"}, indent=1))
     sys.exit(0 if all(result.equal and result.resumed == 0 for result in results) else 1)
 
 
-def interrupt_all(folder: Path, cases: list[str], count: int, seed: int, shorter: int) -> list[Interruption]:
-    """Every case undisturbed, then `count` interruptions of them in turn; a line for each that does not agree."""
-    words = {case: [*CASES[case][0], f"trainer.steps={CASES[case][1] // shorter}"] for case in cases}
-    for case in cases:
-        if not any(word.startswith("trainer.figures=") for word in words[case]):
-            words[case].append("trainer.figures=false")
-        for word in ("trainer.pretrain_steps=", "optimizer.adam_steps=", "trainer.spectral_steps="):
-            words[case] = [shortened(one, shorter) if one.startswith(word) else one for one in words[case]]
+def interrupt_all(folder: Path, cases: list[str], count: int, seed: int, shorter: int) -> Iterator[Interruption]:
+    """Every case undisturbed, then `count` interruptions of them in turn."""
+    words = {case: words_of(case, shorter) for case in cases}
     lives = {case: undisturbed(folder, case, words[case]) for case in cases}
-    print("seconds of the undisturbed:", {case: round(life, 1) for case, life in lives.items()}, flush=True)
-    draw, results = random.Random(seed), []
+    draw = Random(seed)
     for number in range(count):
-        case = cases[number % len(cases)]
-        chosen = SIGNALS[(number // len(cases) + number) % 3]
-        result = interrupt(folder, f"cut{number}", case, words[case], chosen, lives[case], draw)
-        results.append(result)
-        print(number, result, flush=True)
-    return results
+        case, kind = cases[number % len(cases)], SIGNALS[(number + number // len(cases)) % len(SIGNALS)]
+        yield interrupt(folder, f"cut{number}", case, words[case], kind, lives[case], draw)
 
 
-def shortened(word: str, shorter: int) -> str:
-    """A word with a number of steps, with fewer of them."""
-    key, _, value = word.partition("=")
-    return f"{key}={max(1, int(value) // shorter)}"
+def words_of(case: str, shorter: int) -> list[str]:
+    """The settings of a case, with its numbers of steps divided."""
+    given, steps = CASES[case]
+    words = [f"trainer.steps={steps // shorter}"]
+    for word in given:
+        key, _, value = word.partition("=")
+        words.append(f"{key}={max(1, int(value) // shorter)}" if key in COUNTED else word)
+    drawn = any(word.startswith("trainer.figures=") for word in given)
+    return words if drawn else [*words, "trainer.figures=false"]
 
 
-def started(folder: Path, *words: str) -> "subprocess.Popen[bytes]":
-    """`eigenode WORDS` in `folder`, a process group of its own, its errors in a file."""
-    with (folder / "errors.txt").open("ab") as errors:
-        return subprocess.Popen(
-            [sys.executable, "-m", "eigenode_cli", *words],
-            cwd=folder,
-            stdout=subprocess.DEVNULL,
-            stderr=errors,
-            start_new_session=True,
-        )
+class Command:
+    """`eigenode WORDS` in `folder`, a process group of its own: a new interpreter, or a fork of one that is loaded."""
+
+    def __init__(self, folder: Path, words: list[str], fresh: bool) -> None:
+        self._fresh = fresh
+        if fresh:
+            with (folder / "output.txt").open("ab") as output:
+                line = [sys.executable, "-m", "eigenode_cli", *words]
+                self._new = subprocess.Popen(line, cwd=folder, stdout=output, stderr=output, start_new_session=True)
+            self.pid = self._new.pid
+        else:
+            self._fork = multiprocessing.get_context("forkserver").Process(target=forked, args=(folder, words))
+            self._fork.start()
+            self.pid = self._fork.pid or 0
+
+    def wait(self, seconds: float | None = None) -> int | None:
+        """The exit status, negative for a signal; None where it still runs after so many seconds."""
+        if self._fresh:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                return self._new.wait(seconds)
+            return None
+        self._fork.join(seconds)
+        return self._fork.exitcode
+
+
+def forked(folder: Path, words: list[str]) -> None:
+    """What a fork does."""
+    os.setsid()
+    os.chdir(folder)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    output = os.open("output.txt", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    sys.exit(eigenode(words))
+
+
+def whole(folder: Path, words: list[str], fresh: bool) -> int:
+    """Exit status of a command that nobody interrupts."""
+    code = Command(folder, words, fresh).wait()
+    return 1 if code is None else code
 
 
 def name_of(case: str) -> str:
@@ -133,40 +190,48 @@ def name_of(case: str) -> str:
     return "whole-" + case.replace(",", "").replace(" ", "-")
 
 
-def undisturbed(folder: Path, case: str, words: list[str]) -> float:
-    """Train a case twice, first for the machine code to be there; returns how many seconds the second one took."""
-    started(folder, "train", *words, f"hydra.run.dir=first-{name_of(case)}").wait()
-    clock = time.perf_counter()
-    if started(folder, "train", *words, f"hydra.run.dir={name_of(case)}").wait() != 0:
-        raise RuntimeError((folder / "errors.txt").read_text())
-    return time.perf_counter() - clock
+def undisturbed(folder: Path, case: str, words: list[str]) -> dict[bool, float]:
+    """Train a case twice and compare; returns how many seconds that takes in a new interpreter, and in a fork."""
+    lives, runs = {}, {True: f"first-{name_of(case)}", False: name_of(case)}
+    for fresh, run in runs.items():
+        clock = time.perf_counter()
+        if whole(folder, ["train", *words, f"hydra.run.dir={run}"], fresh) != 0:
+            raise RuntimeError((folder / "output.txt").read_text())
+        lives[fresh] = time.perf_counter() - clock
+    if outcome(folder / runs[True]) != outcome(folder / runs[False]):
+        raise RuntimeError(f"{case}: two trainings differ that nobody interrupted")
+    print(case, {"new" if fresh else "forked": round(life, 1) for fresh, life in lives.items()}, "s", flush=True)
+    return lives
 
 
 def interrupt(
-    folder: Path, name: str, case: str, words: list[str], chosen: signal.Signals, life: float, draw: random.Random
+    folder: Path, name: str, case: str, words: list[str], kind: signal.Signals, lives: dict[bool, float], draw: Random
 ) -> Interruption:
     """Interrupt one training, resume it, every second time with another interruption, and compare."""
-    again = draw.random() < 0.5
-    signals, fractions, exits, found, steps, seconds = [], [], [], [], [], []
-    for kind in [chosen, *([draw.choice(SIGNALS)] if again else [])]:
+    run, fresh = folder / name, draw.random() < FRESH
+    blows: list[Blow] = []
+    for signalled in [kind, *([draw.choice(SIGNALS)] if draw.random() < 0.5 else [])]:
         fraction = draw.random()
-        process = started(folder, *command(folder / name, words))
-        try:
-            process.wait(fraction * life)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, kind)
-        clock = time.perf_counter()
-        exits.append(process.wait())
-        seconds.append(round(time.perf_counter() - clock, 3))
-        signals.append(kind.name)
-        fractions.append(round(fraction, 3))
-        found.append(status(folder / name))
-        steps.append(saved(folder / name))
-        if found[-1] == "finished":
-            break
-    resumed = 0 if found[-1] == "finished" else started(folder, *command(folder / name, words)).wait()
-    equal = status(folder / name) == "finished" and outcome(folder / name) == outcome(folder / name_of(case))
-    return Interruption(case, signals, fractions, exits, found, steps, resumed, equal, seconds)
+        if status(run) != "finished":
+            blow = strike(folder, run, words, signalled, fresh, fraction, lives[fresh])
+            blows.append(blow)
+    resumed = 0 if status(run) == "finished" else whole(folder, command(run, words), fresh)
+    equal = status(run) == "finished" and outcome(run) == outcome(folder / name_of(case))
+    return Interruption(case, fresh, blows, resumed, equal)
+
+
+def strike(
+    folder: Path, run: Path, words: list[str], kind: signal.Signals, fresh: bool, fraction: float, life: float
+) -> Blow:
+    """Start or resume a run and send it a signal after a fraction of its life."""
+    process = Command(folder, command(run, words), fresh)
+    if process.wait(fraction * life) is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process.pid, kind)
+    clock = time.perf_counter()
+    code = process.wait()
+    seconds = round(time.perf_counter() - clock, 3)
+    return Blow(kind.name, round(fraction, 3), 0 if code is None else code, status(run), saved(run), seconds)
 
 
 def command(run: Path, words: list[str]) -> list[str]:
@@ -192,7 +257,7 @@ def outcome(run: Path) -> dict[str, Any]:
     """Everything of a run that must not depend on interruptions."""
     rows = [line.split(",") for line in (run / "metrics.csv").read_text().splitlines()]
     last = load_file(run / "checkpoints" / "last.safetensors")
-    files = [*sorted((run / "checkpoints").glob("step-*")), run / "solution.csv", run / "eigenvalues.csv"]
+    files = [*sorted((run / "checkpoints").glob("step-*.safetensors")), run / "solution.csv", run / "eigenvalues.csv"]
     return {
         "metrics": [row[:1] + row[2:] for row in rows],
         "last": {name: array.tobytes() for name, array in last.items()},
@@ -200,22 +265,31 @@ def outcome(run: Path) -> dict[str, Any]:
     }
 
 
-def summary(results: list[Interruption], typed: str) -> dict[str, Any]:
+def summary(results: list[Interruption]) -> dict[str, Any]:
     """The counts, then every interruption."""
-    exits = Counter(f"{kind} {code}" for result in results for kind, code in zip(result.signals, result.exits, strict=True))
-    states = Counter(str(status) for result in results for status in result.found)
+    blows = [blow for result in results for blow in result.blows]
     return {
-        "command": typed,
+        "command": " ".join(["python", "benchmarks/interruptions.py", *sys.argv[1:]]),
+        "versions": {"eigenode": __version__, "python": sys.version.split()[0]},
         "trainings": len(results),
-        "interruptions": sum(len(result.signals) for result in results),
         "equal": sum(result.equal for result in results),
         "resumed_to_exit_0": sum(result.resumed == 0 for result in results),
-        "signals_and_exits": dict(sorted(exits.items())),
-        "status_after_a_signal": dict(sorted(states.items())),
-        "longest_seconds_from_signal_to_end": max(second for result in results for second in result.seconds),
+        "signals": len(blows),
+        "signals_and_exits": dict(sorted(Counter(f"{blow.signal} {blow.exit}" for blow in blows).items())),
+        "status_after_a_signal": dict(sorted(Counter(str(blow.found) for blow in blows).items())),
+        "longest_seconds_from_signal_to_end": max(blow.seconds for blow in blows),
         "each": [asdict(result) for result in results],
     }
 
 
+def load() -> None:
+    """Train a little of everything, so that a fork of this process finds modules and machine code loaded."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()):
+        for case in CASES:
+            eigenode(["train", *words_of(case, 4), f"hydra.run.dir={name_of(case)}"])
+
+
 if __name__ == "__main__":
     main()
+elif __name__ == "__mp_main__":  # in the process that is forked
+    load()

@@ -327,7 +327,7 @@ def _git_commit() -> str | None:
 
 
 def _draw(folder: Path, quiet: bool) -> int:
-    """Draw figures and page of a run whose record is complete, which no failure here changes; returns the exit status."""
+    """Draw figures and page of a run whose record is complete and stays as it is; returns the exit status."""
     again = f"the run is recorded; draw it again with: eigenode plot {folder} and eigenode report {folder}"
     try:
         from eigenode_cli.figures import draw_run  # noqa: PLC0415  # matplotlib and pandas, only once they are needed

@@ -138,7 +138,7 @@ class Trainer:
             self._take_steps(start, event)
             if not np.isfinite(self.theta).all():
                 self._skip_to(self._event_after(self.progress.step - 1))
-                self._end(Ending(DIVERGED, f"the parameters are not finite any more; {SMALLER}"))
+                self._end(DIVERGED, f"the parameters are not finite any more; {SMALLER}")
                 return
             reached = Snapshot.take(self.progress, self.theta, self.optimizer.state())
             if not reached.repeats(self._committed):
@@ -151,7 +151,7 @@ class Trainer:
         self._commit()
 
     def _take_steps(self, start: int, event: int) -> None:
-        """Training steps from `start` on, not beyond `event`; the working state is changed, what is committed is not."""
+        """Training steps from `start` on, not beyond `event`; they change the working state, not the committed one."""
         number, searching = self._part(start)
         if searching and isinstance(self.optimizer, AdamBfgs):
             first = self._descend(number, self.optimizer)
@@ -218,27 +218,29 @@ class Trainer:
             return
         stage, since = self.stages[number], self._still_since
         here = Objective(stage.engine, stage.scales).at(self.theta)
-        status = here.jacobian.status
-        if status in SOLVED and stationary(here.gradient, self.theta):
-            self.progress.converged_at = since
-            self.display.say(f"step {since}: converged, nothing changes from here on")
-            return
+        status, size = here.jacobian.status, max(here.value, self._size(stage))
         if status not in SOLVED:
             advice = SMALLER if self.progress.first_sol is not None else STABLER
-            why = f"the solve fails ({status.label}) and no gradient acts; {advice}"
-        elif since >= self._switch:
-            why = f"BFGS finds no lower point, though the terms have a slope; {SMOOTHER}"
+            self._end(STALLED, f"from step {since} on the solve fails ({status.label}) and no gradient acts; {advice}")
+        elif not np.isfinite(here.gradient).all():
+            self._end(DIVERGED, f"from step {since} on no gradient is finite; {SMALLER}")
+        elif stationary(here.gradient, self.theta, size):
+            self.progress.converged_at = since
+            self.display.say(f"step {since}: converged, nothing changes from here on")
         else:
-            why = "no gradient acts"
-        self._end(Ending(STALLED, f"nothing changes from step {since} on: {why}"))
+            self._end(STALLED, f"from step {since} on BFGS finds no lower point, though there is a slope; {SMOOTHER}")
 
-    def _end(self, ending: Ending) -> None:
+    def _size(self, stage: Stage) -> float:
+        """Scaled SOL of a model that stays at zero, which is how large the data are; 0 where SOL does not train."""
+        return 0.0 if math.isnan(self.zero_sol) else float(stage.scales[0]) * self.zero_sol
+
+    def _end(self, status: str, reason: str) -> None:
         """End the training before its last step; the last weights that could be solved become a checkpoint."""
-        reason, kept = ending.reason, self._solvable
+        kept = self._solvable
         if self.progress.unsolvable_since is not None and kept is not None:
             path = self.recorder.checkpoint(kept.progress.step, self.network(kept.theta))
             reason = f"{reason}; the last weights that could be solved are in checkpoints/{path.name}"
-        self.progress.ended = (ending.status, reason)
+        self.progress.ended = (status, reason)
         self._commit()
 
     def _judge(self, last: dict[str, Any]) -> Ending:

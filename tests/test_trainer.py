@@ -209,6 +209,106 @@ def test_stop_ends_the_run_with_a_name(make: Make, tmp_path: Path) -> None:
         make(tmp_path, Bowl(limit=0.5), 1.0, on_unsolvable="stop").run()
 
 
+class Flat(Bowl):
+    """Defined and without a slope from a parameter on; the slope of a jump before."""
+
+    def __init__(self, slope: float, value: float) -> None:
+        super().__init__()
+        self.slope, self.value = slope, value
+
+    def loss_jacobian(self, theta: Floats) -> LossJacobian:
+        jacobian = super().loss_jacobian(theta)
+        return dataclasses.replace(
+            jacobian, values=np.array([self.value, 0.0]), gradients=np.array([[self.slope], [0.0]])
+        )
+
+
+def recorded(folder: Path) -> list[str]:
+    return [row.split(",")[0] for row in (folder / "metrics.csv").read_text().splitlines()[1:]]
+
+
+def test_terms_without_a_slope_have_converged(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    engine = Flat(0.0, 0.0)
+    trainer = make(tmp_path, engine, 1.0, steps=1000, record_every=100)
+    row = trainer.run()
+    assert (trainer.ending.status, trainer.progress.converged_at) == ("finished", 0)
+    assert len(engine.seen) < 30  # the records, and not the thousand steps
+    assert recorded(tmp_path) == [str(step) for step in range(0, 1001, 100)]
+    assert "step 0: converged" in capsys.readouterr().out
+    assert "converged at step 0" in summary(row, trainer.progress)
+    assert trainer.progress.guard_count == 2000  # as if each had been taken
+
+
+def test_bfgs_that_finds_no_lower_point_on_a_slope_is_stuck(make: Make, tmp_path: Path) -> None:
+    trainer = searching(make(tmp_path, Flat(1.0, 1.0), 1.0, steps=1000), adam_steps=0)
+    trainer.run()
+    assert trainer.ending.status == "stalled"
+    assert trainer.ending.reason is not None
+    assert "BFGS finds no lower point" in trainer.ending.reason
+    assert recorded(tmp_path) == ["0", "4", "5"]  # an event later than it is seen, so that it never depends on time
+
+
+def test_bfgs_at_the_minimum_has_converged(make: Make, tmp_path: Path) -> None:
+    trainer = searching(make(tmp_path, Bowl(), 5.0, steps=200), adam_steps=0)
+    trainer.run()
+    assert trainer.theta[0] == pytest.approx(-1.0)
+    assert trainer.ending.status == "finished"
+    assert trainer.progress.converged_at is not None
+    assert trainer.progress.step == 200
+
+
+def test_a_stage_in_which_nothing_changes_gives_way_to_the_next(make: Make, tmp_path: Path) -> None:
+    stuck, free = Flat(1.0, 1.0), Bowl()
+    stages = [Stage(0, stuck, SCALES), Stage(500, free, SCALES)]
+    trainer = searching(make(tmp_path, Bowl(), 5.0, stages=stages, steps=520, record_every=100), adam_steps=0)
+    trainer.run()
+    assert trainer.theta[0] == pytest.approx(-1.0)
+    assert trainer.ending.status == "finished"
+    assert recorded(tmp_path) == ["0", "100", "200", "300", "400", "500", "520"]
+    assert len(stuck.seen) < 40
+
+
+class Falling(Bowl):
+    """No gradient where it cannot be solved."""
+
+    def loss_jacobian(self, theta: Floats) -> LossJacobian:
+        jacobian = super().loss_jacobian(theta)
+        failed = jacobian.status is not Status.OK
+        return dataclasses.replace(jacobian, gradients=np.full((2, 1), np.nan)) if failed else jacobian
+
+
+def test_where_no_gradient_acts_it_ends_and_keeps_the_last_weights_that_could_be_solved(
+    make: Make, tmp_path: Path
+) -> None:
+    trainer = make(tmp_path, Falling(limit=1.0), 0.4, steps=1000)
+    trainer.optimizer.lr = lambda step: -0.3  # type: ignore[method-assign]  # uphill
+    trainer.run()
+    assert trainer.ending.status == "stalled"
+    assert trainer.ending.reason is not None
+    assert "the solve fails (underflow) and no gradient acts" in trainer.ending.reason
+    assert "checkpoints/step-000000.safetensors" in trainer.ending.reason
+    kept = load_file(tmp_path / "checkpoints" / "step-000000.safetensors")
+    assert kept["layers.0.weight"] == 0.4
+    assert trainer.progress.step <= 8
+
+
+def test_parameters_that_are_not_finite_end_it(make: Make, tmp_path: Path) -> None:
+    trainer = make(tmp_path, Bowl(), 1.0, steps=100_000)
+    trainer.optimizer.lr = lambda step: -1e200  # type: ignore[method-assign]
+    with np.errstate(over="ignore", invalid="ignore"):
+        trainer.run()
+    assert trainer.ending.status == "diverged"
+    assert trainer.progress.step in (4, 5)
+
+
+def test_sol_far_above_the_start_and_the_data_has_diverged(make: Make, tmp_path: Path) -> None:
+    for zero, status in ((0.5, "diverged"), (1e6, "finished"), (np.nan, "finished")):
+        trainer = dataclasses.replace(make(tmp_path / str(zero), Bowl(), 1.0), zero_sol=zero)
+        trainer.optimizer.lr = lambda step: -0.2  # type: ignore[method-assign]
+        assert trainer.run()["sol"] > 1e3
+        assert trainer.ending.status == status
+
+
 @dataclasses.dataclass
 class Interrupter:
     """Ctrl-C before a certain line of this package's code; counts the lines."""
@@ -278,7 +378,7 @@ def test_interrupted_before_any_line_it_resumes_to_the_same_bytes(
     with Interrupter() as counter:
         whole.run()
     expected, interrupted = outcome(tmp_path / "whole"), 0
-    for line in range(1, counter.lines, 1 + counter.lines // 150):
+    for line in range(1, counter.lines, 1 + counter.lines // 60):
         folder = tmp_path / str(line)
         cut = prepare(make(folder, Bowl(), 1.0))
         with contextlib.suppress(KeyboardInterrupt), Interrupter(line):
@@ -287,7 +387,7 @@ def test_interrupted_before_any_line_it_resumes_to_the_same_bytes(
         cut.recorder.close()
         resumed(make, folder, prepare)
         assert outcome(folder) == expected, line
-    assert interrupted > 100
+    assert interrupted > 40
 
 
 def test_after_an_interruption_the_trainer_itself_goes_on(make: Make, tmp_path: Path) -> None:
