@@ -4,7 +4,7 @@
 
 Each training is the command itself in a process of its own. It gets SIGINT, SIGTERM and SIGKILL in turn, at a moment
 drawn between its start and its end; every second resumption is interrupted as well. Where nothing was recorded yet, the
-command is given again. One in ten is a new interpreter; the others are forked from a process that has loaded what they
+command is given again. One in twelve is a new interpreter; the others are forked from a process that has loaded what they
 need, so that most signals come while something is trained.
 
 What must agree is metrics.csv but for the time, every checkpoint, all that the last one holds for a resumption
@@ -36,7 +36,7 @@ from eigenode_cli.cli import main as eigenode
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 
-FRESH = 0.1
+FRESH = 0.08
 """Share of the trainings that run in new interpreters."""
 
 SMALL = ("system=oscillator", "trainer.record_every=10", "trainer.checkpoint_every=40")
@@ -125,11 +125,15 @@ def main() -> None:
 def interrupt_all(folder: Path, cases: list[str], count: int, seed: int, shorter: int) -> Iterator[Interruption]:
     """Every case undisturbed, then `count` interruptions of them in turn."""
     words = {case: words_of(case, shorter) for case in cases}
-    lives = {case: undisturbed(folder, case, words[case]) for case in cases}
-    draw = Random(seed)
+    whole(folder, ["list", "terms"], fresh=False)  # the process that is forked is there
+    lives = {case: undisturbed(folder, case, words[case], name_of(case), fresh=False) for case in cases}
+    new = undisturbed(folder, cases[0], words[cases[0]], "new", fresh=True)
+    if outcome(folder / "new") != outcome(folder / name_of(cases[0])):
+        raise RuntimeError("two trainings differ that nobody interrupted")
+    start, draw = max(0.0, new - lives[cases[0]]), Random(seed)
     for number in range(count):
         case, kind = cases[number % len(cases)], SIGNALS[(number + number // len(cases)) % len(SIGNALS)]
-        yield interrupt(folder, f"cut{number}", case, words[case], kind, lives[case], draw)
+        yield interrupt(folder, f"cut{number}", case, words[case], kind, lives[case], start, draw)
 
 
 def words_of(case: str, shorter: int) -> list[str]:
@@ -190,30 +194,40 @@ def name_of(case: str) -> str:
     return "whole-" + case.replace(",", "").replace(" ", "-")
 
 
-def undisturbed(folder: Path, case: str, words: list[str]) -> dict[bool, float]:
-    """Train a case twice and compare; returns how many seconds that takes in a new interpreter, and in a fork."""
-    lives, runs = {}, {True: f"first-{name_of(case)}", False: name_of(case)}
-    for fresh, run in runs.items():
-        clock = time.perf_counter()
-        if whole(folder, ["train", *words, f"hydra.run.dir={run}"], fresh) != 0:
-            raise RuntimeError((folder / "output.txt").read_text())
-        lives[fresh] = time.perf_counter() - clock
-    if outcome(folder / runs[True]) != outcome(folder / runs[False]):
-        raise RuntimeError(f"{case}: two trainings differ that nobody interrupted")
-    print(case, {"new" if fresh else "forked": round(life, 1) for fresh, life in lives.items()}, "s", flush=True)
-    return lives
+def undisturbed(folder: Path, case: str, words: list[str], run: str, fresh: bool) -> float:
+    """Train a case; returns how many seconds that takes."""
+    clock = time.perf_counter()
+    if whole(folder, ["train", *words, f"hydra.run.dir={run}"], fresh) != 0:
+        raise RuntimeError((folder / "output.txt").read_text())
+    print(f"{case}, {'new' if fresh else 'forked'}: {time.perf_counter() - clock:.1f} s", flush=True)
+    return time.perf_counter() - clock
 
 
 def interrupt(
-    folder: Path, name: str, case: str, words: list[str], kind: signal.Signals, lives: dict[bool, float], draw: Random
+    folder: Path,
+    name: str,
+    case: str,
+    words: list[str],
+    kind: signal.Signals,
+    life: float,
+    start: float,
+    draw: Random,
 ) -> Interruption:
-    """Interrupt one training, resume it, every second time with another interruption, and compare."""
+    """Interrupt one training, resume it, every second time with another interruption, and compare.
+
+    Args:
+        folder, name: of the run.
+        case, words: what is trained.
+        kind: the first signal.
+        life: seconds that a fork takes; start: how many more a new interpreter needs.
+        draw: where the moments come from.
+    """
     run, fresh = folder / name, draw.random() < FRESH
     blows: list[Blow] = []
     for signalled in [kind, *([draw.choice(SIGNALS)] if draw.random() < 0.5 else [])]:
         fraction = draw.random()
         if status(run) != "finished":
-            blow = strike(folder, run, words, signalled, fresh, fraction, lives[fresh])
+            blow = strike(folder, run, words, signalled, fresh, fraction, life + start * fresh)
             blows.append(blow)
     resumed = 0 if status(run) == "finished" else whole(folder, command(run, words), fresh)
     equal = status(run) == "finished" and outcome(run) == outcome(folder / name_of(case))
@@ -285,8 +299,8 @@ def summary(results: list[Interruption]) -> dict[str, Any]:
 def load() -> None:
     """Train a little of everything, so that a fork of this process finds modules and machine code loaded."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()):
-        for case in CASES:
-            eigenode(["train", *words_of(case, 4), f"hydra.run.dir={name_of(case)}"])
+        for case in ("compiled adam, figures", "compiled robust", "torch adam"):
+            eigenode(["train", *words_of(case, 8), f"hydra.run.dir={name_of(case)}"])
 
 
 if __name__ == "__main__":
