@@ -4,8 +4,8 @@
 
 Each training is the command itself in a process of its own. It gets SIGINT, SIGTERM and SIGKILL in turn, at a moment
 drawn between its start and its end; every second resumption is interrupted as well. Where nothing was recorded yet, the
-command is given again. One in twelve is a new interpreter; the others are forked from a process that has loaded what they
-need, so that most signals come while something is trained.
+command is given again. One in twelve is a new interpreter; the others are forked from this process, which has loaded what
+they need, so that most signals come while something is trained.
 
 What must agree is metrics.csv but for the time, every checkpoint, all that the last one holds for a resumption
 (weights, optimizer, random state), solution.csv and eigenvalues.csv.
@@ -125,7 +125,7 @@ def main() -> None:
 def interrupt_all(folder: Path, cases: list[str], count: int, seed: int, shorter: int) -> Iterator[Interruption]:
     """Every case undisturbed, then `count` interruptions of them in turn."""
     words = {case: words_of(case, shorter) for case in cases}
-    whole(folder, ["list", "terms"], fresh=False)  # the process that is forked is there
+    load()
     lives = {case: undisturbed(folder, case, words[case], name_of(case), fresh=False) for case in cases}
     new = undisturbed(folder, cases[0], words[cases[0]], "new", fresh=True)
     if outcome(folder / "new") != outcome(folder / name_of(cases[0])):
@@ -158,7 +158,7 @@ class Command:
                 self._new = subprocess.Popen(line, cwd=folder, stdout=output, stderr=output, start_new_session=True)
             self.pid = self._new.pid
         else:
-            self._fork = multiprocessing.get_context("forkserver").Process(target=forked, args=(folder, words))
+            self._fork = multiprocessing.get_context("fork").Process(target=forked, args=(folder, words))
             self._fork.start()
             self.pid = self._fork.pid or 0
 
@@ -305,5 +305,3 @@ def load() -> None:
 
 if __name__ == "__main__":
     main()
-elif __name__ == "__mp_main__":  # in the process that is forked
-    load()

@@ -15,8 +15,8 @@ STATUSES = (RUNNING, INTERRUPTED, *ENDED)
 """Every status in run.json."""
 
 FACTOR = 100.0
-"""A training has diverged where its last SOL is more than so many times the first one, and that of a model that stays at
-zero. A bad fit ends at a few times the data, and a start far from them is no fault of the training."""
+"""A training has diverged where its last SOL is more than so many times the first one, and that of a model that stays
+at zero. A bad fit ends at a few times the data, and a start far from them is no fault of the training."""
 SMALLER = "try a smaller optimizer.lr"
 
 

@@ -1,16 +1,17 @@
 """A sweep from beginning to end: what is finished is skipped, the rest run, all of it summarised, whatever failed."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 
 from eigenode_cli.config.sweep import Job
-from eigenode_cli.ending import ENDED, FAILED, FINAL, FINISHED, UNSUCCESSFUL
+from eigenode_cli.ending import ENDED, FAILED, FINAL, FINISHED, INTERRUPTED, UNSUCCESSFUL
 from eigenode_cli.sweep.plan import Sweep, check_folder, write_plan
 from eigenode_cli.sweep.progress import watched
-from eigenode_cli.sweep.state import forget_failure, read_state
+from eigenode_cli.sweep.state import State, forget_failure, read_state
 from eigenode_cli.sweep.summary import failure_lines, group, read_rows, show_table, write_summary
 
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 Start = Callable[[Sequence[Job]], None]
 """Runs the jobs it is given and returns when all have ended."""
 
@@ -29,7 +30,7 @@ def conduct(sweep: Sweep, start: Start) -> int:
     write_plan(sweep)
     states = {job: read_state(sweep.place(job)) for job in sweep.jobs}
     pending = [job for job in sweep.jobs if states[job].status not in FINAL]
-    _announce(sweep, pending, sum(state.status == "interrupted" for state in states.values()))
+    _announce(sweep, states)
     for job in pending:
         if states[job].status == FAILED:
             forget_failure(sweep.place(job))
@@ -46,13 +47,12 @@ def conduct(sweep: Sweep, start: Start) -> int:
     return _finish(sweep, interrupted, broken)
 
 
-def _announce(sweep: Sweep, pending: Sequence[Job], resumed: int) -> None:
-    done = len(sweep.jobs) - len(pending)
+def _announce(sweep: Sweep, states: Mapping[Job, State]) -> None:
+    count = Counter(state.status for state in states.values())
     parts = [f"{len(sweep.jobs)} runs"]
-    if done:
-        parts.append(f"{done} finished already, skipped")
-    if resumed:
-        parts.append(f"{resumed} resumed")
+    parts += [f"{count[status]} {status} already, skipped" for status in FINAL if count[status]]
+    if count[INTERRUPTED]:
+        parts.append(f"{count[INTERRUPTED]} resumed")
     print(f"sweep  {', '.join(parts)}\nfolder {sweep.folder}", flush=True)
 
 
@@ -76,5 +76,5 @@ def _finish(sweep: Sweep, interrupted: bool, broken: Exception | None) -> int:
     if left:
         print(f"{left} of {len(rows)} runs are left; go on with: eigenode resume {sweep.folder}", file=sys.stderr)
     if interrupted:
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     return 1 if broken is not None or left or any(row.state.status in UNSUCCESSFUL for row in rows) else 0
