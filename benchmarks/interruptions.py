@@ -4,7 +4,7 @@
 
 Each training is the command itself in a process of its own. It gets SIGINT, SIGTERM and SIGKILL in turn, at a moment
 drawn between its start and its end; every second resumption is interrupted as well. Where nothing was recorded yet, the
-command is given again. One in twelve is a new interpreter; the others are forked from this process, which has loaded what
+command is given again. One in twelve is a new interpreter; the others are forks of this process, which has loaded what
 they need, so that most signals come while something is trained.
 
 What must agree is metrics.csv but for the time, every checkpoint, all that the last one holds for a resumption

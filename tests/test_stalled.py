@@ -64,13 +64,11 @@ def test_figures_and_page_of_a_stalled_run(tmp_path: Path) -> None:
 
 
 def test_a_sweep_counts_it_as_a_failure_and_does_not_repeat_it(tmp_path: Path) -> None:
-    words = ("train", "-m", *UNSOLVABLE, "trainer.steps=60", BASIC, "optimizer.lr=1,1e-4", "hydra.sweep.dir=here")
+    words = ("train", "-m", *UNSOLVABLE, "trainer.steps=60", BASIC, "optimizer.lr=1,0.0001", "hydra.sweep.dir=here")
     code, out, err = inside(tmp_path, *words)
     assert code == 1
-    assert {row["optimizer.lr"]: row["status"] for row in rows(tmp_path / "here")} == {
-        "1": "stalled",
-        "1e-4": "finished",
-    }
+    found = {row["optimizer.lr"]: row["status"] for row in rows(tmp_path / "here")}
+    assert found == {"1": "stalled", "0.0001": "finished"}
     assert "1 of 2 runs failed" in err
     (run,) = (path for path in (tmp_path / "here").glob("*/run.json") if record(path.parent)["status"] == "stalled")
     before = run.stat().st_mtime_ns
