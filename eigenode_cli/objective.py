@@ -46,3 +46,16 @@ class Objective:
         if jacobian.status is not Status.OK or not (math.isfinite(value) and np.isfinite(gradient).all()):
             value = math.inf
         return Evaluated(value, gradient, jacobian)
+
+
+FLAT = 1e-5
+"""Largest change of a function, relative to its size, that counts as none."""
+
+
+def stationary(gradient: Floats, theta: Floats, size: float) -> bool:
+    """Whether a function of this size is as good as flat at the parameters `theta (P,)`, where it has this gradient.
+
+    To first order, no parameter that changes by as much as itself (at least by 1) changes the function by more than
+    `FLAT` of its size (J. E. Dennis, R. B. Schnabel, Numerical Methods for Unconstrained Optimization, 1983, Sec. 7.2).
+    """
+    return bool((np.abs(gradient) * np.maximum(np.abs(theta), 1.0)).max() <= FLAT * size)

@@ -3,7 +3,7 @@
 import csv
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -35,6 +35,52 @@ class Progress:
     """First step of the failures that go on now, None while solves succeed."""
     guard_count: int = 0
     """Eigenvalue sensitivities that the condition guard has bounded so far."""
+    wall_seconds: float = 0.0
+    """Time since the start of the run, without the time that it lay interrupted."""
+    first_sol: float | None = None
+    """SOL before the first step, None where that solve failed."""
+    converged_at: int | None = None
+    """Step from which on nothing changes since the terms have no lower point, None while something does."""
+    ended: tuple[str, str] | None = None
+    """Status and reason of a training that ended before its last step."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A copy of everything that the rest of a training depends on, taken between two steps.
+
+    Attributes:
+        progress: where the training stands.
+        theta: parameters `(P,)`.
+        optimizer: the optimizer's state by name.
+        random_state: of torch: a user's term may draw.
+    """
+
+    progress: Progress
+    theta: Floats
+    optimizer: dict[str, Floats]
+    random_state: torch.Tensor
+
+    @classmethod
+    def take(cls, progress: Progress, theta: Floats, optimizer: dict[str, Floats]) -> "Snapshot":
+        """A copy of these and of torch's random state."""
+        arrays = {name: array.copy() for name, array in optimizer.items()}
+        return cls(replace(progress), theta.copy(), arrays, torch.get_rng_state())
+
+    def restore(self, theta: Floats, optimizer: dict[str, Floats]) -> None:
+        """Put the copy back: into these arrays, and into torch's random state."""
+        theta[:] = self.theta
+        for name, array in optimizer.items():
+            array[:] = self.optimizer[name]
+        torch.set_rng_state(self.random_state)
+
+    def repeats(self, other: "Snapshot") -> bool:
+        """Whether a step from here has to do what one from `other` did: all is the same but the progress."""
+        return (
+            np.array_equal(self.theta, other.theta)
+            and all(np.array_equal(array, other.optimizer[name]) for name, array in self.optimizer.items())
+            and torch.equal(self.random_state, other.random_state)
+        )
 
 
 class Recorder:
@@ -97,24 +143,23 @@ class Recorder:
         self._file.flush()
         return row
 
-    def checkpoint(self, step: int, network: dict[str, torch.Tensor]) -> None:
-        """Write the network's float64 state_dict as `checkpoints/step-NNNNNN.safetensors`."""
+    def checkpoint(self, step: int, network: dict[str, torch.Tensor]) -> Path:
+        """Write the network's float64 state_dict as `checkpoints/step-NNNNNN.safetensors`; returns its path."""
         path = self._checkpoints / f"step-{step:06d}.safetensors"
         tensors = _plain(network)
         write_atomically(path, lambda draft: save_file(tensors, draft, metadata={"step": str(step)}))
+        return path
 
-    def save_last(
-        self, progress: Progress, theta: Floats, optimizer: dict[str, Floats], network: dict[str, torch.Tensor]
-    ) -> None:
+    def save_last(self, snapshot: Snapshot, network: dict[str, torch.Tensor]) -> None:
         """Write what resume needs, and beside it the network as `checkpoint` writes it, under the same names.
 
         `last.safetensors` is the one that counts: the JSON stands in its header too, so that a kill between the two
         files can't leave a pair that does not belong together.
         """
-        tensors = {"theta": torch.from_numpy(theta.copy()), "random_state": torch.get_rng_state()}
-        tensors |= {f"{OPTIMIZER}{name}": torch.from_numpy(array.copy()) for name, array in optimizer.items()}
+        tensors = {"theta": torch.from_numpy(snapshot.theta), "random_state": snapshot.random_state}
+        tensors |= {f"{OPTIMIZER}{name}": torch.from_numpy(array) for name, array in snapshot.optimizer.items()}
         tensors |= _plain(network)
-        state = vars(progress)
+        state = vars(snapshot.progress)
         header = {"progress": json.dumps(state)}
         path = self._checkpoints / "last.safetensors"
         write_atomically(path, lambda draft: save_file(tensors, draft, metadata=header))

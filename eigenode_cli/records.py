@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenode_cli.data import Data, Floats
+from eigenode_cli.ending import STATUSES
 from eigenode_cli.solve.status import Status
 from eigenode_cli.systems.base import State
 from eigenode_cli.terms import NAMES, canonical, split_grads
@@ -23,7 +24,6 @@ Bools = NDArray[np.bool_]
 Complexes = NDArray[np.complex128]
 T = TypeVar("T")
 
-STATUSES = ("running", "finished", "failed", "interrupted")
 SOLVE_STATUSES = tuple(status.label for status in Status)
 METRIC_COLUMNS = (
     "step",
@@ -103,7 +103,7 @@ class Run:
 
     Attributes:
         folder: where it was read from.
-        status: running | finished | failed | interrupted; `error` says why a failed one stopped.
+        status: one of `ending.STATUSES`; `error` says why one without success ended.
         config: the resolved configuration.
         system, title: name of the system, and its name for people.
         states: name, unit and symbol of each state `(n,)`.

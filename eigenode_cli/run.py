@@ -28,6 +28,7 @@ from eigenode_cli.config.schema import (
 )
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.data import Data, Floats, Targets
+from eigenode_cli.ending import DIVERGED, FAILED, FINISHED, INTERRUPTED, STALLED, Ending
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
@@ -39,12 +40,15 @@ from eigenode_cli.reference import reference_solution, sample, stated_targets, t
 from eigenode_cli.stages import build_stages
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES, canonical, split_grads, training_terms
-from eigenode_cli.terms.errors import ERRORS
+from eigenode_cli.terms.errors import ERRORS, error_value
 from eigenode_cli.terms.user import TermFailed, load_user_terms
 from eigenode_cli.trainer import Stage, Trainer, Unsolvable, summary
 
 DENSE = 1000
 """Number of equidistant times of the horizon at which dense_error compares."""
+
+EXIT = {FINISHED: 0, FAILED: 1, STALLED: 1, DIVERGED: 1, INTERRUPTED: 130}
+"""Exit status by the status of the run."""
 
 PACKAGES = ("torch", "torchdiffeq", "numba", "numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib")
 
@@ -132,7 +136,7 @@ def combination(config: CombineConfig) -> int:
 def train(
     config: TrainConfig, folder: Path, overrides: Sequence[str], quiet: bool = False, watch: Display | None = None
 ) -> int:
-    """Run one training in `folder`; returns the exit status (0 done, 1 failed, 130 interrupted).
+    """Run one training in `folder`; returns the exit status (0 done, 1 failed, stalled or diverged, 130 interrupted).
 
     Args:
         config: the checked configuration.
@@ -158,37 +162,44 @@ def _attended(
     config: TrainConfig, folder: Path, record: dict[str, Any], resumed: bool, quiet: bool, watch: Display | None
 ) -> int:
     """Run a training so that run.json, filled from `record` on, tells how it ended, whatever happens."""
-    clock, earlier = perf_counter(), record["wall_seconds"]
+    start = perf_counter()
     write_json(folder / "run.json", record)
-    exit_status = 0
     try:
         setup = build(config, unheard if quiet else print)
         record |= _description(setup)
         write_json(folder / "run.json", record)
-        _train(setup, folder, record, resumed, (watch or QuietDisplay()) if quiet else None)
-        record["status"] = "finished"
+        ending = _train(setup, folder, record, resumed, (watch or QuietDisplay()) if quiet else None, start)
     except KeyboardInterrupt:
-        record |= {"status": "interrupted", "error": "interrupted by the user"}
-        exit_status = 130
+        ending = Ending(INTERRUPTED, "interrupted by the user")
     except Unsolvable as error:
-        record |= {"status": "failed", "error": str(error)}
-        exit_status = 1
+        ending = Ending(FAILED, str(error))
     except Exception as error:  # whatever it was: the folder tells, a sweep goes on
         (folder / "error.txt").write_text(traceback.format_exc())
         said = str(error) if isinstance(error, TermFailed) else f"{type(error).__name__}: {error}"
-        record |= {"status": "failed", "error": f"{said} (traceback in error.txt)"}
-        exit_status = 1
-    record["wall_seconds"] = earlier + perf_counter() - clock
-    _close(folder, record, draw=config.trainer.figures)
+        ending = Ending(FAILED, f"{said} (traceback in error.txt)")
+    record |= {"status": ending.status, "error": ending.reason}
+    record["wall_seconds"] += perf_counter() - start
+    write_json(folder / "run.json", record)
     if not quiet:
-        _tell(folder, record, config.trainer.figures)
-    return exit_status
+        _tell(folder, record)
+    drawn = _draw(folder, quiet) if config.trainer.figures and record["final"] else EXIT[FINISHED]
+    return EXIT[ending.status] or drawn
 
 
-def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, shown: Display | None) -> None:
+def _train(
+    setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, shown: Display | None, start: float
+) -> Ending:
     """Train from the start, or from what was saved last, and write the outcome; fills `record` as it gets there.
 
-    `shown` shows the progress, by default what fits standard output.
+    Args:
+        setup: the parts.
+        folder, record: of the run.
+        resumed: whether to look for something saved.
+        shown: shows the progress, by default what fits standard output.
+        start: reading of the clock at which `record` was right about `wall_seconds`.
+
+    Returns:
+        How it ended.
     """
     config, horizon = setup.config, setup.config.system.horizon
     saved = load_last(folder) if resumed else None
@@ -199,45 +210,67 @@ def _train(setup: Setup, folder: Path, record: dict[str, Any], resumed: bool, sh
         progress, theta, state = saved
         for name, array in optimizer.state().items():
             array[:] = state[name]
+    record["wall_seconds"] = max(record["wall_seconds"], progress.wall_seconds)  # a kill leaves the latter alone
     dense_times = np.linspace(0.0, horizon, DENSE)
     truth = reference_solution(setup.system, setup.problem.initial_state, dense_times)
     recorder = Recorder(folder, setup.names, truth[:, 0])
     write_data(folder, [state.name for state in setup.system.states], setup.data)
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
+    shown = shown or display(label, progress.step, config.trainer.steps)
+    trainer = Trainer(
+        engine=setup.engine,
+        stages=setup.stages,
+        optimizer=optimizer,
+        combination=combination(config.combine),
+        terms=setup.problem.terms,
+        config=config.trainer,
+        recorder=recorder,
+        display=shown,
+        dense_times=dense_times,
+        theta=theta,
+        network=partial(_network_state, setup.field),
+        progress=progress,
+        zero_sol=_sol_of_zero(setup.problem),
+        wall=partial(_elapsed, record["wall_seconds"] - start),
+    )
     recorder.open(progress.step if saved is not None else None)
     try:
-        shown = shown or display(label, progress.step, config.trainer.steps)
         with shown:
-            trainer = Trainer(
-                engine=setup.engine,
-                stages=setup.stages,
-                optimizer=optimizer,
-                combination=combination(config.combine),
-                terms=setup.problem.terms,
-                config=config.trainer,
-                recorder=recorder,
-                display=shown,
-                dense_times=dense_times,
-                theta=theta,
-                network=partial(_network_state, setup.field),
-                progress=progress,
-            )
             last = trainer.run()
     finally:
         recorder.close()
-        record |= {
-            "steps": progress.step,
-            "train_seconds": progress.train_seconds,
-            "compile_seconds": sum(
-                engine.compile_seconds for engine in {setup.engine, *(s.engine for s in setup.stages)}
-            ),
-            "unsolvable_steps": progress.unsolvable_steps,
-            "guard_count": progress.guard_count,
-        }
+        record |= _account(trainer, setup)
     load_flat(setup.field, theta)
     write_solution(folder, setup.system, setup.engine, theta, setup.data, config.system.horizon)
     write_eigenvalues(folder, setup.system, setup.field, setup.engine, theta, setup.problem, config.target)
-    record |= {"final": last, "summary": summary(last, progress)}
+    record |= {"final": last, "summary": summary(last, trainer.progress)}
+    return trainer.ending
+
+
+def _elapsed(offset: float) -> float:
+    return offset + perf_counter()
+
+
+def _sol_of_zero(problem: Problem) -> float:
+    """SOL of a model that stays at zero, NaN where SOL does not train."""
+    if "sol" not in problem.terms:
+        return float("nan")
+    error = getattr(error_value, "py_func", error_value)  # as Python: to compile it would take longer
+    seen = problem.data.states[problem.data.mask].tolist()
+    return float(np.mean([error(problem.errors[0], problem.huber_delta, value) for value in seen]))
+
+
+def _account(trainer: Trainer, setup: Setup) -> dict[str, Any]:
+    """What a training took so far."""
+    progress = trainer.progress
+    return {
+        "steps": progress.step,
+        "train_seconds": progress.train_seconds,
+        "compile_seconds": sum(engine.compile_seconds for engine in setup.engines),
+        "unsolvable_steps": progress.unsolvable_steps,
+        "guard_count": progress.guard_count,
+        "converged_at": progress.converged_at,
+    }
 
 
 def _network_state(field: VectorField, theta: Floats) -> dict[str, torch.Tensor]:
@@ -294,27 +327,30 @@ def _git_commit() -> str | None:
     return git.stdout.strip() or None
 
 
-def _close(folder: Path, record: dict[str, Any], draw: bool) -> None:
-    """Draw what there is, write run.json last of all records, then the page that shows it."""
-    if not (draw and record["final"]):
-        write_json(folder / "run.json", record)
-        return
-    from eigenode_cli.figures import draw_run  # noqa: PLC0415  # matplotlib and pandas, only once they are needed
-    from eigenode_cli.report import write_report  # noqa: PLC0415
+def _draw(folder: Path, quiet: bool) -> int:
+    """Draw figures and page of a run whose record is complete and stays as it is; returns the exit status."""
+    again = f"the run is recorded; draw it again with: eigenode plot {folder} and eigenode report {folder}"
+    try:
+        from eigenode_cli.figures import draw_run  # noqa: PLC0415  # matplotlib and pandas, only once they are needed
+        from eigenode_cli.report import write_report  # noqa: PLC0415
 
-    draw_run(folder)
-    write_json(folder / "run.json", record)
-    write_report(folder)
+        draw_run(folder)
+        write_report(folder)
+        if not quiet:
+            print(f"figures {folder / 'plots'}\nreport  {folder / 'report.html'}")
+    except KeyboardInterrupt:
+        print(f"eigenode: the figures were interrupted; {again}", file=sys.stderr)
+        return EXIT[INTERRUPTED]
+    except Exception as error:  # whatever it was: the training is recorded
+        print(f"eigenode: the figures failed ({type(error).__name__}: {error}); {again}", file=sys.stderr)
+    return EXIT[FINISHED]
 
 
-def _tell(folder: Path, record: dict[str, Any], drawn: bool) -> None:
+def _tell(folder: Path, record: dict[str, Any]) -> None:
     """Say how the run ended and where everything is."""
-    if record["status"] != "finished":
+    if record["status"] != FINISHED:
         print(f"eigenode: {record['status']}: {record['error']}", file=sys.stderr)
-        if record["status"] == "interrupted":
-            print(f"go on with: eigenode resume {folder}", file=sys.stderr)
-        return
-    print(record["summary"])
-    print(f"run     {folder}")
-    if drawn:
-        print(f"figures {folder / 'plots'}\nreport  {folder / 'report.html'}")
+    if record["status"] == INTERRUPTED:
+        print(f"go on with: eigenode resume {folder}", file=sys.stderr)
+    if record["final"]:
+        print(f"{record['summary']}\nrun     {folder}")

@@ -1,13 +1,16 @@
 """The training loop with stub engines: order of events, failed solves, interruption."""
 
+import contextlib
 import dataclasses
+import sys
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import pytest
 import torch
+from safetensors.numpy import load_file
 
 from eigenode_cli.combine import SEQUENTIAL
 from eigenode_cli.config.schema import AdamBfgsConfig, SgdConfig, TrainerConfig
@@ -83,12 +86,18 @@ def make() -> Iterator[Make]:
 
 
 def make_trainer(
-    folder: Path, engine: Bowl, start: float, stages: list[Stage] | None = None, **changes: object
+    folder: Path,
+    engine: Bowl,
+    start: float,
+    stages: list[Stage] | None = None,
+    opened: bool = True,
+    **changes: object,
 ) -> Trainer:
     options = {"steps": 10, "record_every": 4, "checkpoint_every": 5, "on_unsolvable": "stabilise"}
     config = TrainerConfig(**(options | changes))  # type: ignore[arg-type]
     recorder = Recorder(folder, ("sol", "frq", "dmp", "stb", "osc", "stf"), np.zeros(TIMES.size))
-    recorder.open(None)
+    if opened:
+        recorder.open(None)
     return Trainer(
         engine=engine,
         stages=stages or [Stage(0, engine, SCALES)],
@@ -190,7 +199,8 @@ def test_skip_leaves_the_parameters_alone(make: Make, tmp_path: Path, capsys: py
     trainer = make(tmp_path, Undefined(limit=0.5), 1.0, on_unsolvable="skip")
     trainer.run()
     assert trainer.theta[0] == 1.0
-    assert trainer.progress.unsolvable_steps == 10
+    assert trainer.progress.unsolvable_steps == 4  # one is like the other, so that it ends at the next record
+    assert trainer.ending.status == "stalled"
     assert "leaves the parameters as they are" in capsys.readouterr().out
 
 
@@ -199,46 +209,195 @@ def test_stop_ends_the_run_with_a_name(make: Make, tmp_path: Path) -> None:
         make(tmp_path, Bowl(limit=0.5), 1.0, on_unsolvable="stop").run()
 
 
-def interrupted_after(engine: Bowl, steps: int) -> Callable[[Floats], LossJacobian]:
-    original, calls = engine.loss_jacobian, []
+class Flat(Bowl):
+    """Defined and without a slope from a parameter on; the slope of a jump before."""
 
-    def loss_jacobian(theta: Floats) -> LossJacobian:
-        calls.append(1)
-        if len(calls) > steps:
+    def __init__(self, slope: float, value: float) -> None:
+        super().__init__()
+        self.slope, self.value = slope, value
+
+    def loss_jacobian(self, theta: Floats) -> LossJacobian:
+        jacobian = super().loss_jacobian(theta)
+        return dataclasses.replace(
+            jacobian, values=np.array([self.value, 0.0]), gradients=np.array([[self.slope], [0.0]])
+        )
+
+
+def recorded(folder: Path) -> list[str]:
+    return [row.split(",")[0] for row in (folder / "metrics.csv").read_text().splitlines()[1:]]
+
+
+def test_terms_without_a_slope_have_converged(make: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    engine = Flat(0.0, 0.0)
+    trainer = make(tmp_path, engine, 1.0, steps=1000, record_every=100)
+    row = trainer.run()
+    assert (trainer.ending.status, trainer.progress.converged_at) == ("finished", 0)
+    assert len(engine.seen) < 30  # the records, and not the thousand steps
+    assert recorded(tmp_path) == [str(step) for step in range(0, 1001, 100)]
+    assert "step 0: converged" in capsys.readouterr().out
+    assert "converged at step 0" in summary(row, trainer.progress)
+    assert trainer.progress.guard_count == 2000  # as if each had been taken
+
+
+def test_bfgs_that_finds_no_lower_point_on_a_slope_is_stuck(make: Make, tmp_path: Path) -> None:
+    trainer = searching(make(tmp_path, Flat(1.0, 1.0), 1.0, steps=1000), adam_steps=0)
+    trainer.run()
+    assert trainer.ending.status == "stalled"
+    assert trainer.ending.reason is not None
+    assert "BFGS finds no lower point" in trainer.ending.reason
+    assert recorded(tmp_path) == ["0", "4", "5"]  # an event later than it is seen, so that it never depends on time
+
+
+def test_bfgs_at_the_minimum_has_converged(make: Make, tmp_path: Path) -> None:
+    trainer = searching(make(tmp_path, Bowl(), 5.0, steps=200), adam_steps=0)
+    trainer.run()
+    assert trainer.theta[0] == pytest.approx(-1.0)
+    assert trainer.ending.status == "finished"
+    assert trainer.progress.converged_at is not None
+    assert trainer.progress.step == 200
+
+
+def test_a_stage_in_which_nothing_changes_gives_way_to_the_next(make: Make, tmp_path: Path) -> None:
+    stuck, free = Flat(1.0, 1.0), Bowl()
+    stages = [Stage(0, stuck, SCALES), Stage(500, free, SCALES)]
+    trainer = searching(make(tmp_path, Bowl(), 5.0, stages=stages, steps=520, record_every=100), adam_steps=0)
+    trainer.run()
+    assert trainer.theta[0] == pytest.approx(-1.0)
+    assert trainer.ending.status == "finished"
+    assert recorded(tmp_path) == ["0", "100", "200", "300", "400", "500", "520"]
+    assert len(stuck.seen) < 40
+
+
+class Falling(Bowl):
+    """No gradient where it cannot be solved."""
+
+    def loss_jacobian(self, theta: Floats) -> LossJacobian:
+        jacobian = super().loss_jacobian(theta)
+        failed = jacobian.status is not Status.OK
+        return dataclasses.replace(jacobian, gradients=np.full((2, 1), np.nan)) if failed else jacobian
+
+
+def test_where_no_gradient_acts_it_ends_and_keeps_the_last_weights_that_could_be_solved(
+    make: Make, tmp_path: Path
+) -> None:
+    trainer = make(tmp_path, Falling(limit=1.0), 0.4, steps=1000)
+    trainer.optimizer.lr = lambda step: -0.3  # type: ignore[method-assign]  # uphill
+    trainer.run()
+    assert trainer.ending.status == "stalled"
+    assert trainer.ending.reason is not None
+    assert "the solve fails (underflow) and no gradient acts" in trainer.ending.reason
+    assert "checkpoints/step-000000.safetensors" in trainer.ending.reason
+    kept = load_file(tmp_path / "checkpoints" / "step-000000.safetensors")
+    assert kept["layers.0.weight"] == 0.4
+    assert trainer.progress.step <= 8
+
+
+def test_parameters_that_are_not_finite_end_it(make: Make, tmp_path: Path) -> None:
+    trainer = make(tmp_path, Bowl(), 1.0, steps=100_000)
+    trainer.optimizer.lr = lambda step: -1e200  # type: ignore[method-assign]
+    with np.errstate(over="ignore", invalid="ignore"):
+        trainer.run()
+    assert trainer.ending.status == "diverged"
+    assert trainer.progress.step in (4, 5)
+
+
+def test_sol_far_above_the_start_and_the_data_has_diverged(make: Make, tmp_path: Path) -> None:
+    for zero, status in ((0.5, "diverged"), (1e6, "finished"), (np.nan, "finished")):
+        trainer = dataclasses.replace(make(tmp_path / str(zero), Bowl(), 1.0), zero_sol=zero)
+        trainer.optimizer.lr = lambda step: -0.2  # type: ignore[method-assign]
+        assert trainer.run()["sol"] > 1e3
+        assert trainer.ending.status == status
+
+
+@dataclasses.dataclass
+class Interrupter:
+    """Ctrl-C before a certain line of this package's code; counts the lines."""
+
+    at: float = np.inf
+    lines: int = 0
+
+    def __enter__(self) -> "Interrupter":
+        sys.settrace(self._enter)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        sys.settrace(None)
+
+    def _enter(self, frame: FrameType, event: str, argument: object) -> object:
+        return self._line if "eigenode_cli" in frame.f_code.co_filename else None
+
+    def _line(self, frame: FrameType, event: str, argument: object) -> object:
+        self.lines += 1
+        if self.lines == self.at:
             raise KeyboardInterrupt
-        return original(theta)
-
-    return loss_jacobian
+        return self._line
 
 
-@pytest.mark.parametrize("prepare", [lambda t: t, partial(searching, adam_steps=3)], ids=["sgd", "adam_bfgs"])
-def test_interruption_saves_where_it_stands_and_resumes_to_the_same_bytes(
+def momentum(trainer: Trainer) -> Trainer:
+    config = SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.5)
+    return dataclasses.replace(trainer, optimizer=build_optimizer(config, trainer.theta.size))
+
+
+def grown(trainer: Trainer) -> Trainer:
+    """Two stages, each with a part of BFGS."""
+    stages = [Stage(0, trainer.engine, SCALES), Stage(6, trainer.engine, 2.0 * SCALES)]
+    return searching(dataclasses.replace(trainer, stages=stages), adam_steps=3)
+
+
+def failing(trainer: Trainer) -> Trainer:
+    """The first solves fail, and the others again where momentum carries it too far."""
+    trainer.engine.limit = 0.5  # type: ignore[attr-defined]
+    return momentum(trainer)
+
+
+def outcome(folder: Path) -> tuple[list[str], dict[str, bytes]]:
+    """metrics.csv but for the time, and every checkpoint."""
+    rows = [row.split(",") for row in (folder / "metrics.csv").read_text().splitlines()]
+    checkpoints = sorted((folder / "checkpoints").glob("*.safetensors"))
+    tensors = {f"{path.name} {key}": array.tobytes() for path in checkpoints for key, array in load_file(path).items()}
+    return [str(row[:1] + row[2:]) for row in rows], tensors
+
+
+def resumed(make: Make, folder: Path, prepare: Callable[[Trainer], Trainer]) -> None:
+    """Go on in a folder as a new process does, with whatever was saved there."""
+    trainer, saved = prepare(make(folder, Bowl(), 1.0, opened=False)), load_last(folder)
+    if saved is not None:
+        trainer.progress, trainer.theta, state = saved
+        for name, array in trainer.optimizer.state().items():
+            array[:] = state[name]
+    trainer.recorder.open(None if saved is None else trainer.progress.step)
+    trainer.run()
+    trainer.recorder.close()
+
+
+@pytest.mark.parametrize("prepare", [momentum, grown, failing])
+def test_interrupted_before_any_line_it_resumes_to_the_same_bytes(
     make: Make, tmp_path: Path, prepare: Callable[[Trainer], Trainer]
 ) -> None:
     whole = prepare(make(tmp_path / "whole", Bowl(), 1.0))
+    with Interrupter() as counter:
+        whole.run()
+    expected, interrupted = outcome(tmp_path / "whole"), 0
+    for line in range(1, counter.lines, 1 + counter.lines // 60):
+        folder = tmp_path / str(line)
+        cut = prepare(make(folder, Bowl(), 1.0))
+        with contextlib.suppress(KeyboardInterrupt), Interrupter(line):
+            cut.run()
+        interrupted += cut.ending.status == "running"
+        cut.recorder.close()
+        resumed(make, folder, prepare)
+        assert outcome(folder) == expected, line
+    assert interrupted > 40
+
+
+def test_after_an_interruption_the_trainer_itself_goes_on(make: Make, tmp_path: Path) -> None:
+    whole, cut = (grown(make(tmp_path / name, Bowl(), 1.0)) for name in ("whole", "cut"))
     whole.run()
-    cut = prepare(make(tmp_path / "cut", Bowl(), 1.0))
-    cut.engine.loss_jacobian = interrupted_after(cut.engine, 9)  # type: ignore[method-assign, arg-type]
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), Interrupter(700):
         cut.run()
-    saved = load_last(tmp_path / "cut")
-    assert saved is not None
-    again = prepare(make(tmp_path / "again", Bowl(), 1.0))
-    again.progress, again.theta, state = saved
-    for name, array in again.optimizer.state().items():
-        array[:] = state[name]
-    again.recorder.close()
-    again.recorder = cut.recorder  # the folder of the run that was cut
-    cut.recorder.close()
-    again.recorder.open(again.progress.step)
-    again.run()
-    assert again.theta.tobytes() == whole.theta.tobytes()
-    for name in ("whole", "cut"):
-        rows = [row.split(",") for row in (tmp_path / name / "metrics.csv").read_text().splitlines()]
-        for row in rows:
-            del row[1]  # the time
-        (tmp_path / f"{name}.txt").write_text(str(rows))
-    assert (tmp_path / "whole.txt").read_text() == (tmp_path / "cut.txt").read_text()
+    assert 0 < cut.progress.step < 10
+    cut.run()
+    assert cut.theta.tobytes() == whole.theta.tobytes()
 
 
 def test_a_half_written_row_is_cut_off(tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
+from eigenode_cli.ending import FINAL, FINISHED
 from eigenode_cli.errors import UserError
 from eigenode_cli.paths import OUTPUTS, importable, run_folder
 from eigenode_cli.sweep.plan import PLAN, quoted, read_plan
@@ -19,8 +21,8 @@ def resume(args: argparse.Namespace) -> int:
         previous = json.loads((folder / "run.json").read_text())
     except json.JSONDecodeError as error:
         raise UserError(f"{args.run}: its run.json cannot be read ({error})") from error
-    if previous.get("status") == "finished":
-        raise UserError(f"{args.run}: the run is finished, there is nothing to resume")
+    if previous.get("status") in FINAL:
+        raise UserError(f"{args.run}: {_finality(previous)}")
     from eigenode_cli.config.compose import restore  # noqa: PLC0415
 
     config = restore(previous["config"])
@@ -28,6 +30,13 @@ def resume(args: argparse.Namespace) -> int:
 
     with importable(*([args.config_dir] if args.config_dir else [])):
         return run.resume(config, folder, previous)
+
+
+def _finality(record: dict[str, Any]) -> str:
+    """Why there is nothing to resume."""
+    if record["status"] == FINISHED:
+        return "the run is finished, there is nothing to resume"
+    return f"the run {record['status']}, to resume it would lead to the same ({record['error']}); start a new one"
 
 
 def plot(args: argparse.Namespace) -> int:

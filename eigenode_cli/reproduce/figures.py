@@ -125,7 +125,7 @@ def figure_numbers(experiment: Experiment, spec: FigureSpec, results: Mapping[st
         if finished[name]:
             low, middle, high = _band(np.vstack(values[name]))
             several = len(values[name]) > 1
-            failed = len(results[name]) - len(finished[name])
+            failed = sum(result.failed for result in results[name])
             curves.append(
                 Curve(
                     name,
@@ -210,7 +210,7 @@ def _solution_numbers(
             None,
             None,
             len(finished[name]),
-            len(results[name]) - len(finished[name]),
+            sum(result.failed for result in results[name]),
         )
         for name, one in chosen.items()
     )

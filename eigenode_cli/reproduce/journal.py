@@ -89,7 +89,9 @@ def _row(results: Sequence[Result], level: float) -> list[float]:
 
     train = final_sol(results)
     test_sol = np.array([test.get("test_sol", np.nan) for test in tests])
-    failures = len(results) - len(finished) + int(np.isnan(train).sum() + np.isnan(test_sol).sum())
+    undefined = np.isnan(train).astype(int) + np.isnan(test_sol)
+    failures = sum(result.failed for result in results)
+    failures += int(sum(count for count, result in zip(undefined, finished, strict=True) if not result.failed))
     return [
         *quartiles(train),
         hit_step(finished, level),

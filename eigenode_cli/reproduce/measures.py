@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from eigenode_cli.data import Floats
+from eigenode_cli.ending import FINAL, FINISHED
 from eigenode_cli.records import Metrics, RecordError, Run, Solution, read_run
 from eigenode_cli.reproduce.schema import ClaimSpec
-from eigenode_cli.reproduce.units import FINISHED, Unit
+from eigenode_cli.reproduce.units import Unit
 
 
 @dataclass(frozen=True)
@@ -22,8 +23,13 @@ class Result:
 
     @cached_property
     def finished(self) -> bool:
-        """Whether there is an outcome at all."""
-        return self.unit.status == FINISHED
+        """Whether there is an outcome at all; a training that stalled or diverged has one, too."""
+        return self.unit.status in FINAL
+
+    @property
+    def failed(self) -> bool:
+        """Whether it counts as a failure."""
+        return self.unit.status != FINISHED
 
     @cached_property
     def run(self) -> Run:

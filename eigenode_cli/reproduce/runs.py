@@ -36,7 +36,7 @@ class RunRow:
         name: of the run.
         dense_error, sol, max_real: lower quartile, median, upper quartile; NaN where no seed gave a number.
         relative_error: median of the dense error over the amplitude of the truth.
-        failures, seeds: how many seeds have no dense error, of how many.
+        failures, seeds: how many seeds failed or have no dense error, of how many.
         seconds: training time in s of the fastest seed, the others were disturbed; NaN where no seed finished.
     """
 
@@ -130,7 +130,7 @@ def _row(name: str, results: Sequence[Result]) -> RunRow:
         sol=quartiles(last([result.metrics.terms["sol"] for result in finished])),
         max_real=quartiles(last([result.metrics.max_real for result in finished])),
         relative_error=quartiles(dense / amplitudes)[1],
-        failures=len(results) - int(np.isfinite(dense).sum()),
+        failures=len(results) - int(sum(np.isfinite(d) and not r.failed for d, r in zip(dense, finished, strict=True))),
         seeds=len(results),
         seconds=float(np.nan if not finished else min(result.metrics.train_seconds[-1] for result in finished)),
     )

@@ -17,6 +17,7 @@ from eigenode_cli.config.compose import run_config, typed
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.config.examine import examine as examine_words
 from eigenode_cli.console import counted, duration
+from eigenode_cli.ending import FINAL
 from eigenode_cli.errors import UserError, unknown
 from eigenode_cli.paths import OUTPUTS, slug
 from eigenode_cli.reproduce.library import load, names, run_lines, words_of
@@ -169,16 +170,16 @@ def examine(study: Study, jobs: int) -> None:
     """Measure what the records do not hold: the test of the journal in parallel, times alone and one by one."""
     from eigenode_cli.reproduce.aftermath import measure_gradient_cost, measure_test, measure_tight  # noqa: PLC0415  # torch
 
-    tested = [unit for unit in distinct([*study.tabled(), *study.measured("test_sol")]) if unit.status == "finished"]
+    tested = [unit for unit in distinct([*study.tabled(), *study.measured("test_sol")]) if unit.status in FINAL]
     with _counter("testing", len(tested)) as done:
         for _ in in_parallel(measure_test, tested, jobs):
             done()
-    solved = [unit for unit in study.measured("tight_error") if unit.status == "finished"]
+    solved = [unit for unit in study.measured("tight_error") if unit.status in FINAL]
     with _counter("solving again", len(solved)) as done:
         for _ in in_parallel(measure_tight, solved, jobs):
             done()
     for unit in study.measured("gradient_cost"):
-        if unit.status == "finished":
+        if unit.status in FINAL:
             measure_gradient_cost(unit)
 
 

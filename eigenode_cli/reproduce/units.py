@@ -14,9 +14,8 @@ from omegaconf import DictConfig, OmegaConf
 from eigenode_cli.config.composer import keep_composition
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.sweep import of_seed
+from eigenode_cli.ending import FINAL, FINISHED, INTERRUPTED, RUNNING
 from eigenode_cli.paths import OUTPUTS, slug
-
-FINISHED = "finished"
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Unit:
 
     @property
     def status(self) -> str | None:
-        """How it stands: running | finished | failed | interrupted; None where this configuration was never started."""
+        """How it stands, one of `ending.STATUSES`; None where this configuration was never started."""
         record = self.record()
         return record["status"] if record is not None and record["config"] == container(self.config) else None
 
@@ -84,18 +83,18 @@ def distinct(units: Sequence[Unit]) -> list[Unit]:
 
 
 def pending(units: Sequence[Unit]) -> list[Unit]:
-    """The units that are not finished."""
-    return [unit for unit in units if unit.status != FINISHED]
+    """The units that are still to be trained, or again where something failed."""
+    return [unit for unit in units if unit.status not in FINAL]
 
 
 def train_unit(unit: Unit) -> int:
-    """Train one unit, go on with it where it was killed, or leave it where it is finished; returns the exit status."""
+    """Train one unit, go on with it where it was killed, or leave it where it has ended; returns the exit status."""
     from eigenode_cli import run  # noqa: PLC0415  # torch, in the process that trains
 
-    if unit.status == FINISHED:
-        return 0
+    if unit.status in FINAL:
+        return 0 if unit.status == FINISHED else 1
     record = unit.record()
-    if record is not None and unit.status in ("running", "interrupted"):
+    if record is not None and unit.status in (RUNNING, INTERRUPTED):
         return run.resume(unit.config, unit.folder, record, quiet=True)
     unit.folder.mkdir(parents=True, exist_ok=True)
     if unit.composed is not None:

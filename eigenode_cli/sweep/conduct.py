@@ -1,16 +1,18 @@
 """A sweep from beginning to end: what is finished is skipped, the rest run, all of it summarised, whatever failed."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 
 from eigenode_cli.config.sweep import Job
 from eigenode_cli.console import counted
+from eigenode_cli.ending import ENDED, FAILED, FINAL, FINISHED, INTERRUPTED, UNSUCCESSFUL
 from eigenode_cli.sweep.plan import Sweep, check_folder, write_plan
 from eigenode_cli.sweep.progress import watched
-from eigenode_cli.sweep.state import forget_failure, read_state
+from eigenode_cli.sweep.state import State, forget_failure, read_state
 from eigenode_cli.sweep.summary import failure_lines, group, read_rows, show_table, write_summary
 
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 Start = Callable[[Sequence[Job]], None]
 """Runs the jobs it is given and returns when all have ended."""
 
@@ -28,10 +30,10 @@ def conduct(sweep: Sweep, start: Start) -> int:
     check_folder(sweep)
     write_plan(sweep)
     states = {job: read_state(sweep.place(job)) for job in sweep.jobs}
-    pending = [job for job in sweep.jobs if states[job].status != "finished"]
-    _announce(sweep, pending, sum(state.status == "interrupted" for state in states.values()))
+    pending = [job for job in sweep.jobs if states[job].status not in FINAL]
+    _announce(sweep, states)
     for job in pending:
-        if states[job].status == "failed":
+        if states[job].status == FAILED:
             forget_failure(sweep.place(job))
     broken: Exception | None = None
     interrupted = False
@@ -46,13 +48,12 @@ def conduct(sweep: Sweep, start: Start) -> int:
     return _finish(sweep, interrupted, broken)
 
 
-def _announce(sweep: Sweep, pending: Sequence[Job], resumed: int) -> None:
-    done = len(sweep.jobs) - len(pending)
+def _announce(sweep: Sweep, states: Mapping[Job, State]) -> None:
+    count = Counter(state.status for state in states.values())
     parts = [counted(len(sweep.jobs), "run")]
-    if done:
-        parts.append(f"{done} finished already, skipped")
-    if resumed:
-        parts.append(f"{resumed} resumed")
+    parts += [f"{count[status]} {status} already, skipped" for status in FINAL if count[status]]
+    if count[INTERRUPTED]:
+        parts.append(f"{count[INTERRUPTED]} resumed")
     print(f"sweep  {', '.join(parts)}\nfolder {sweep.folder}", flush=True)
 
 
@@ -63,18 +64,18 @@ def _finish(sweep: Sweep, interrupted: bool, broken: Exception | None) -> int:
     rows = read_rows(sweep)
     groups = group(rows)
     paths = [write_summary(sweep.folder, rows)]
-    if any(row.state.status == "finished" for row in rows):
+    if any(row.state.status == FINISHED for row in rows):
         paths += draw_summary(sweep.folder, groups)
         show_table(groups)
     for path in paths:
         print(path)
     for line in failure_lines(rows):
         print(line, file=sys.stderr)
-    left = sum(row.state.status not in ("finished", "failed") for row in rows)
+    left = sum(row.state.status not in ENDED for row in rows)
     if broken is not None:
         print(f"eigenode: the launcher failed: {type(broken).__name__}: {broken}", file=sys.stderr)
     if left:
         print(f"{left} of {len(rows)} runs are left; go on with: eigenode resume {sweep.folder}", file=sys.stderr)
     if interrupted:
-        return INTERRUPTED
-    return 1 if broken is not None or left or any(row.state.status == "failed" for row in rows) else 0
+        return EXIT_INTERRUPTED
+    return 1 if broken is not None or left or any(row.state.status in UNSUCCESSFUL for row in rows) else 0

@@ -12,10 +12,11 @@ from omegaconf import DictConfig
 from eigenode_cli.config.compose import finalise, typed
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.console import Display
+from eigenode_cli.ending import FINAL, FINISHED, INTERRUPTED, RUNNING
 from eigenode_cli.sweep.plan import read_plan
 from eigenode_cli.sweep.state import ERROR, locked, recorded
 
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 
 
 def work(config: DictConfig) -> int:
@@ -28,7 +29,7 @@ def work(config: DictConfig) -> int:
     folder = Path(job.runtime.output_dir)
     status = contained(folder, lambda: attempt(typed(finalise(config)), folder, job.overrides.task))
     _settle()
-    if status == INTERRUPTED:
+    if status == EXIT_INTERRUPTED:
         raise KeyboardInterrupt
     return status
 
@@ -63,7 +64,7 @@ def attempt(config: TrainConfig, folder: Path, words: Sequence[str], watch: Disp
         watch: is shown every record.
 
     Returns:
-        The exit status: 0 done, 1 failed, 130 interrupted.
+        The exit status: 0 done, 1 failed, stalled or diverged, 130 interrupted.
     """
     from eigenode_cli import run  # noqa: PLC0415  # torch, in the process that trains only
 
@@ -72,9 +73,9 @@ def attempt(config: TrainConfig, folder: Path, words: Sequence[str], watch: Disp
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder):
         state = recorded(folder)
-        if state.status == "finished":
-            return 0
-        if state.status in ("interrupted", "running"):
+        if state.status in FINAL:
+            return 0 if state.status == FINISHED else 1
+        if state.status in (INTERRUPTED, RUNNING):
             status = run.resume(config, folder, state.record, quiet=True, watch=watch)
         else:
             status = run.train(config, folder, list(words), quiet=True, watch=watch)

@@ -8,6 +8,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from eigenode_cli.console import minus
+from eigenode_cli.ending import FINISHED, UNSUCCESSFUL
 from eigenode_cli.report import number
 from eigenode_cli.sweep.figure import svg_of_sweep
 from eigenode_cli.sweep.plan import Sweep
@@ -39,12 +40,12 @@ def page_content(sweep: Sweep) -> dict[str, Any]:
     counts = Counter(row.state.status for row in rows)
     keys = list(dict.fromkeys(key for row in rows for key in row.settings))
     varying = [key for key in keys if len({row.settings.get(key) for row in rows}) > 1]
-    finished = counts["finished"] > 0
+    finished = counts[FINISHED] > 0
     return {
         "command": sweep.command,
         "total": len(rows),
         "counts": dict(sorted(counts.items())),
-        "unsolvable": sum(row.failed and row.state.status == "finished" for row in rows),
+        "unsolvable": sum(row.failed and row.state.status == FINISHED for row in rows),
         "figure": _data_uri(svg_of_sweep(groups)) if finished else None,
         "group_header": names,
         "groups": [[minus(cell) for cell in cells(one, names[: -len(RESULTS) - 2])] for one in groups],
@@ -64,7 +65,7 @@ def page_content(sweep: Sweep) -> dict[str, Any]:
         "failures": [
             {"name": row.name, "error": row.state.error, "command": row.repeat}
             for row in rows
-            if row.state.status == "failed"
+            if row.state.status in UNSUCCESSFUL
         ],
     }
 

@@ -11,8 +11,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from eigenode_cli.console import LINES, duration
+from eigenode_cli.ending import ENDED, UNSUCCESSFUL
 from eigenode_cli.sweep.plan import Sweep
-from eigenode_cli.sweep.state import DONE, read_state
+from eigenode_cli.sweep.state import read_state
 
 INTERVAL = 1.0
 """Seconds between two looks at the folders."""
@@ -39,18 +40,19 @@ class Watcher:
     def look(self) -> None:
         """Read the folders of all runs that have not ended."""
         for job in self._sweep.jobs:
-            if self.statuses[job.name] not in DONE:
+            if self.statuses[job.name] not in ENDED:
                 self.statuses[job.name] = read_state(self._sweep.place(job)).status
 
     @property
     def ended(self) -> int:
-        """Number of runs that finished or failed."""
-        return sum(self.count[status] for status in DONE)
+        """Number of runs that nobody works on any more."""
+        return sum(self.count[status] for status in ENDED)
 
     def describe(self) -> str:
         """The counts and the time left in one line."""
         count = self.count
-        parts = [f"{count['finished']} finished", f"{count['failed']} failed", f"{count['running']} running"]
+        failed = sum(count[status] for status in UNSUCCESSFUL)
+        parts = [f"{count['finished']} finished", f"{failed} failed", f"{count['running']} running"]
         done = self.ended - self._ended_before
         left = len(self.statuses) - self.ended
         if done > 0 and left > 0:

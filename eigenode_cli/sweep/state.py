@@ -11,7 +11,6 @@ from filelock import FileLock, Timeout
 
 WAITING = "waiting"
 """Of a run that was not started yet; the other statuses are those of run.json."""
-DONE = ("finished", "failed")
 LOCK = ".lock"
 ERROR = "error.txt"
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from eigenode_cli.ending import ENDED, FINISHED, UNSUCCESSFUL
 from eigenode_cli.files import write_table
 from eigenode_cli.solve.status import Status
 from eigenode_cli.sweep.plan import Sweep
@@ -53,9 +54,9 @@ class Row:
 
     @property
     def failed(self) -> bool:
-        """Whether the run failed, or ended with a field that cannot be solved."""
+        """Whether the run failed, stalled or diverged, or ended with a field that cannot be solved."""
         solved = self._final.get("status", Status.OK.label) == Status.OK.label
-        return self.state.status == "failed" or not solved
+        return self.state.status in UNSUCCESSFUL or not solved
 
 
 @dataclass(frozen=True)
@@ -72,17 +73,17 @@ class Group:
 
     @property
     def ended(self) -> int:
-        """Number of runs that finished or failed."""
-        return sum(row.state.status in ("finished", "failed") for row in self.rows)
+        """Number of runs that nobody works on any more."""
+        return sum(row.state.status in ENDED for row in self.rows)
 
     @property
     def failures(self) -> int:
-        """Number of runs that failed or ended unsolvable."""
+        """Number of runs that failed, stalled, diverged or ended unsolvable."""
         return sum(row.failed for row in self.rows)
 
     def values(self, name: str) -> np.ndarray:
         """A final number of every finished run that has it `(R,)`."""
-        finished = [row.result(name) for row in self.rows if row.state.status == "finished"]
+        finished = [row.result(name) for row in self.rows if row.state.status == FINISHED]
         return np.array([value for value in finished if math.isfinite(value)])
 
     def quartiles(self, name: str) -> tuple[float, float, float]:
@@ -187,7 +188,7 @@ def show_table(groups: Sequence[Group]) -> None:
 
 def failure_lines(rows: Sequence[Row]) -> list[str]:
     """Which runs failed, why, and how to repeat each."""
-    failed = [row for row in rows if row.state.status == "failed"]
+    failed = [row for row in rows if row.state.status in UNSUCCESSFUL]
     if not failed:
         return []
     lines = [f"{len(failed)} of {len(rows)} runs failed"]
