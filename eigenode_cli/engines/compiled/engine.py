@@ -24,7 +24,7 @@ from eigenode_cli.engines.compiled.apart import compile_apart
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, Method
 from eigenode_cli.engines.compiled.mlp import MlpShape
-from eigenode_cli.jit import cache_folder
+from eigenode_cli.jit import PLAIN, cache_folder
 from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
 from eigenode_cli.solve.status import Status
@@ -305,9 +305,9 @@ class CompiledEngine:
         fresh = [name for name in names if name not in self._loaded]
         if not fresh:
             return
-        if numba.config.DISABLE_JIT and not self._loaded:
+        if PLAIN and not self._loaded:
             self._announce("NUMBA_DISABLE_JIT is set: kernels run as plain Python, very slowly, for debugging")
-        signatures = {name: self._signature(name) for name in fresh if not numba.config.DISABLE_JIT}
+        signatures = {name: self._signature(name) for name in fresh if not PLAIN}
         missing = {name: signature for name, signature in signatures.items() if not _is_compiled(name)}
         start = time.perf_counter()
         if missing:
