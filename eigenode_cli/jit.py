@@ -61,7 +61,10 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 njit = numba.njit(cache=True, nogil=True, error_model="numpy")
 """Decorator of every kernel: cached on disk, GIL released, IEEE division. No fastmath: NaN must be seen."""
 
-if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
+PLAIN = bool(config.DISABLE_JIT)  # pyright: ignore[reportAttributeAccessIssue]
+"""Whether functions stay plain Python, for a debugger."""
+
+if PLAIN:
     njit = np.errstate(all="ignore")  # as silent as machine code is about a division by zero
 
 _INNER = {

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.linalg import lapack
 
+Index = int | np.integer
 Record = TypeVar("Record", bound=tuple)
 
 
@@ -67,19 +68,19 @@ class Pointer:
     def __repr__(self) -> str:
         return f"<{self.name} from element {self.offset} of {self.size} {self.elements.dtype}>"
 
-    def _outside(self, i: int) -> IndexError:
+    def _outside(self, i: Index) -> IndexError:
         at, kind = self.offset + i, self.elements.dtype
         return IndexError(
             f"{self.name}: no element {at} (offset {self.offset}, index {i}), its size is {self.size} {kind}"
         )
 
-    def __getitem__(self, i: int) -> Any:
+    def __getitem__(self, i: Index) -> Any:
         at = self.offset + i
         if not 0 <= at < self.size:
             raise self._outside(i)
         return self._read(at)
 
-    def __setitem__(self, i: int, value: Any) -> None:
+    def __setitem__(self, i: Index, value: Any) -> None:
         at = self.offset + i
         if not 0 <= at < self.size:
             raise self._outside(i)
@@ -123,7 +124,7 @@ def carray(pointer: Pointer, shape: tuple[int, ...]) -> NDArray:
     """Array of a shape on the elements from a pointer on; IndexError where they go beyond the buffer."""
     size = int(np.prod(shape))
     if size > 0:
-        pointer[0], pointer[size - 1]
+        _ = pointer[0], pointer[size - 1]
     return pointer.elements[pointer.offset : pointer.offset + size].reshape(shape)
 
 

@@ -25,6 +25,7 @@ from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build
 from eigenode_cli.engines.compiled.cached import not_ready
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, Method
 from eigenode_cli.engines.compiled.mlp import MlpShape
+from eigenode_cli.jit import PLAIN
 from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
 from eigenode_cli.solve.status import Status
@@ -310,9 +311,9 @@ class CompiledEngine:
         fresh = [name for name in names if name not in self._loaded]
         if not fresh:
             return
-        if numba.config.DISABLE_JIT and not self._loaded:
+        if PLAIN and not self._loaded:
             self._announce("NUMBA_DISABLE_JIT is set: kernels run as plain Python, very slowly, for debugging")
-        signatures = {name: self._signature(name) for name in fresh if not numba.config.DISABLE_JIT}
+        signatures = {name: self._signature(name) for name in fresh if not PLAIN}
         start = time.perf_counter()
         if missing := not_ready(kernel, signatures):
             self._announce("compiling the engine, once for this environment (one to two minutes)")

@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, config, types  # pyright: ignore[reportPrivateImportUsage]  # documented under these names
+from numba import carray, types  # pyright: ignore[reportPrivateImportUsage]  # documented under these names
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from eigenode_cli.engines.compiled import debug_memory
+from eigenode_cli.jit import PLAIN
 
 LINE = 8
 """Doubles in a cache line, the length of the longest vector as well."""
@@ -129,7 +130,7 @@ def address(array: NDArray) -> int:
     return int(array.ctypes.data)
 
 
-if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]  # Numba sets it by name
+if PLAIN:
     doubles, integers, complexes = debug_memory.doubles, debug_memory.integers, debug_memory.complexes
     booleans, int32s, letters = debug_memory.booleans, debug_memory.int32s, debug_memory.letters
     start_of, shift, carray = debug_memory.start_of, debug_memory.shift, debug_memory.carray
