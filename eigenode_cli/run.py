@@ -5,6 +5,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cache, partial
@@ -31,11 +32,15 @@ from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
+from eigenode_cli.files import Reserve, WriteError, write_text
+from eigenode_cli.lock import locked
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
-from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
+from eigenode_cli.recorder import Progress, Recorder, load_last, metrics_header, write_data, write_json
 from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets, with_noise
+from eigenode_cli.resumption import check_saved
+from eigenode_cli.runfile import VERSION, resume_command
 from eigenode_cli.stages import build_stages
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES, canonical, split_grads
@@ -143,15 +148,24 @@ def train(
     """
     record = _identity(config)
     record["command"] = shlex.join(["eigenode", "train", *overrides])
-    return _attended(config, folder, record, resumed=False, quiet=quiet, watch=watch)
+    with locked(folder):
+        return _attended(config, folder, record, resumed=False, quiet=quiet, watch=watch)
 
 
 def resume(
     config: TrainConfig, folder: Path, previous: dict[str, Any], quiet: bool = False, watch: Display | None = None
 ) -> int:
-    """Go on with the run in `folder` from what it saved last; `previous` is its run.json."""
-    kept = {key: previous[key] for key in ("command", "started", "wall_seconds")}
-    return _attended(config, folder, _identity(config) | kept, resumed=True, quiet=quiet, watch=watch)
+    """Go on with the run in `folder` from what it saved last; `previous` is its run.json.
+
+    Raises:
+        UserError: what it saved is damaged or does not go with `config`, or another process works in the folder.
+    """
+    with locked(folder):
+        identity = _identity(config)
+        names = (*NAMES, *sorted(config.terms))
+        check_saved(config, folder, metrics_header(names))
+        kept = {key: previous.get(key, identity[key]) for key in ("command", "started", "wall_seconds")}
+        return _attended(config, folder, identity | kept, resumed=True, quiet=quiet, watch=watch)
 
 
 def _attended(
@@ -159,6 +173,8 @@ def _attended(
 ) -> int:
     """Run a training so that run.json, filled from `record` on, tells how it ended, whatever happens."""
     clock, earlier = perf_counter(), record["wall_seconds"]
+    reserve = Reserve(folder)
+    reserve.take()
     write_json(folder / "run.json", record)
     exit_status = 0
     try:
@@ -173,12 +189,22 @@ def _attended(
     except Unsolvable as error:
         record |= {"status": "failed", "error": str(error)}
         exit_status = 1
+    except WriteError as error:  # once there is room, it goes on from what was saved
+        record |= {"status": "interrupted", "error": str(error)}
+        exit_status = 1
     except Exception as error:  # whatever it was: the folder tells, a sweep goes on
-        (folder / "error.txt").write_text(traceback.format_exc())
+        with suppress(WriteError):
+            write_text(folder / "error.txt", traceback.format_exc())
         record |= {"status": "failed", "error": f"{type(error).__name__}: {error} (traceback in error.txt)"}
         exit_status = 1
     record["wall_seconds"] = earlier + perf_counter() - clock
-    _close(folder, record, draw=config.trainer.figures)
+    try:
+        reserve.give()
+        _close(folder, record, draw=config.trainer.figures)
+    except WriteError as error:
+        exit_status = 1
+        if not quiet:
+            print(f"eigenode: {error}", file=sys.stderr)
     if not quiet:
         _tell(folder, record, config.trainer.figures)
     return exit_status
@@ -247,6 +273,7 @@ def _network_state(field: VectorField, theta: Floats) -> dict[str, torch.Tensor]
 def _identity(config: TrainConfig) -> dict[str, Any]:
     """What is known of a run before anything is built."""
     return {
+        "version": VERSION,
         "status": "running",
         "error": None,
         "seed": config.seed,
@@ -294,15 +321,14 @@ def _git_commit() -> str | None:
 
 
 def _close(folder: Path, record: dict[str, Any], draw: bool) -> None:
-    """Draw what there is, write run.json last of all records, then the page that shows it."""
+    """Write run.json last of all records, then draw what they show."""
+    write_json(folder / "run.json", record)
     if not (draw and record["final"]):
-        write_json(folder / "run.json", record)
         return
     from eigenode_cli.figures import draw_run  # noqa: PLC0415  # matplotlib and pandas, only once they are needed
     from eigenode_cli.report import write_report  # noqa: PLC0415
 
     draw_run(folder)
-    write_json(folder / "run.json", record)
     write_report(folder)
 
 
@@ -311,7 +337,7 @@ def _tell(folder: Path, record: dict[str, Any], drawn: bool) -> None:
     if record["status"] != "finished":
         print(f"eigenode: {record['status']}: {record['error']}", file=sys.stderr)
         if record["status"] == "interrupted":
-            print(f"go on with: eigenode resume {folder}", file=sys.stderr)
+            print(f"go on with: {resume_command(folder, record['command'])}", file=sys.stderr)
         return
     print(record["summary"])
     print(f"run     {folder}")

@@ -33,6 +33,8 @@ from eigenode_cli.errors import UserError
 from eigenode_cli.paths import CONFIG_DIR
 
 VERSION_BASE = "1.3"
+COMMAND_LINE = "command-line"
+"""Provider of the configs in `--config-dir`."""
 DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine", "protocol_optimizer")
 """Groups that a protocol chooses from, not the user."""
 
@@ -64,7 +66,7 @@ class Composer:
             folder = Path(config_dir).resolve()
             if not folder.is_dir():
                 raise UserError(f"--config-dir {config_dir}: no such folder")
-            search_path.prepend("command-line", f"file://{folder}", SearchPathQuery(provider="schema", path=None))
+            search_path.prepend(COMMAND_LINE, f"file://{folder}", SearchPathQuery(provider="schema", path=None))
         self.config_name = config_name
         self.loader = ConfigLoaderImpl(search_path)
         self.parser = OverridesParser.create(config_loader=self.loader)
@@ -129,6 +131,14 @@ def _explained() -> Iterator[None]:
             raise UserError(explain(error)) from error
     if caught:
         raise UserError([_one_line(str(warning.message)) for warning in caught])
+
+
+def own_flags() -> list[str]:
+    """The flags of the command line that gave the present job its configs: `--config-dir=...`, `--config-name=...`."""
+    hydra = HydraConfig.get()
+    folders = [source.path for source in hydra.runtime.config_sources if source.provider == COMMAND_LINE]
+    name = hydra.job.config_name
+    return [*(f"--config-dir={folder}" for folder in folders), *([f"--config-name={name}"] if name != "train" else [])]
 
 
 def explain(error: BaseException) -> str:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,10 @@ from joblib.externals.loky import get_reusable_executor
 from omegaconf import OmegaConf
 
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.files import make_folder
+from eigenode_cli.lock import locked
 from eigenode_cli.paths import OUTPUTS, slug
+from eigenode_cli.runfile import NewerError, RecordError, read_record
 
 FINISHED = "finished"
 
@@ -26,17 +30,19 @@ class Unit:
     words: tuple[str, ...]
 
     def record(self) -> dict[str, Any] | None:
-        """What run.json says, None where there is none or it was cut off by a kill."""
+        """What run.json says, None where there is none or it is damaged."""
         try:
-            return json.loads((self.folder / "run.json").read_text())
-        except (FileNotFoundError, json.JSONDecodeError):
+            return read_record(self.folder)
+        except NewerError:
+            raise
+        except RecordError:
             return None
 
     @property
     def status(self) -> str | None:
         """How it stands: running | finished | failed | interrupted; None where this configuration was never started."""
         record = self.record()
-        return record["status"] if record is not None and record["config"] == container(self.config) else None
+        return record.get("status") if record and record.get("config") == container(self.config) else None
 
 
 def container(config: TrainConfig) -> dict[str, Any]:
@@ -76,16 +82,23 @@ def pending(units: Sequence[Unit]) -> list[Unit]:
 
 
 def train_unit(unit: Unit) -> int:
-    """Train one unit, go on with it where it was killed, or leave it where it is finished; returns the exit status."""
+    """Train one unit, go on with it where it was killed, or leave it where it is finished; returns the exit status.
+
+    Where another process trains it, it is waited for.
+    """
     from eigenode_cli import run  # noqa: PLC0415  # torch, in the process that trains
 
     if unit.status == FINISHED:
         return 0
-    record = unit.record()
-    if record is not None and unit.status in ("running", "interrupted"):
-        return run.resume(unit.config, unit.folder, record, quiet=True)
-    unit.folder.mkdir(parents=True, exist_ok=True)
-    return run.train(unit.config, unit.folder, unit.words, quiet=True)
+    make_folder(unit.folder)
+    with locked(unit.folder, wait=True):
+        status, record = unit.status, unit.record()
+        if status == FINISHED:
+            return 0
+        if record is not None and status in ("running", "interrupted"):
+            with suppress(RecordError):  # what was saved is damaged: it starts again
+                return run.resume(unit.config, unit.folder, record, quiet=True)
+        return run.train(unit.config, unit.folder, unit.words, quiet=True)
 
 
 def in_parallel(task: Callable[[Unit], Any], units: Sequence[Unit], jobs: int) -> Iterator[Any]:

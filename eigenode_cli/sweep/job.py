@@ -3,6 +3,7 @@
 import gc
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -10,10 +11,14 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from eigenode_cli.config.compose import finalise, typed
+from eigenode_cli.config.composer import own_flags
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.console import Display
+from eigenode_cli.files import WriteError, make_folder, write_text
+from eigenode_cli.lock import locked
+from eigenode_cli.runfile import RecordError
 from eigenode_cli.sweep.plan import read_plan
-from eigenode_cli.sweep.state import ERROR, locked, recorded
+from eigenode_cli.sweep.state import ERROR, recorded
 
 INTERRUPTED = 130
 
@@ -26,7 +31,7 @@ def work(config: DictConfig) -> int:
     """
     job = HydraConfig.get()
     folder = Path(job.runtime.output_dir)
-    status = contained(folder, lambda: attempt(typed(finalise(config)), folder, job.overrides.task))
+    status = contained(folder, lambda: attempt(typed(finalise(config)), folder, [*own_flags(), *job.overrides.task]))
     _settle()
     if status == INTERRUPTED:
         raise KeyboardInterrupt
@@ -69,14 +74,16 @@ def attempt(config: TrainConfig, folder: Path, words: Sequence[str], watch: Disp
 
     if not figures_chosen(words):
         config.trainer.figures = False
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder):
+    make_folder(folder)
+    with locked(folder, wait=True):
         state = recorded(folder)
         if state.status == "finished":
             return 0
+        status = None
         if state.status in ("interrupted", "running"):
-            status = run.resume(config, folder, state.record, quiet=True, watch=watch)
-        else:
+            with suppress(RecordError):  # what was saved is damaged: it starts again
+                status = run.resume(config, folder, state.record, quiet=True, watch=watch)
+        if status is None:
             status = run.train(config, folder, list(words), quiet=True, watch=watch)
         if status == 1:
             error = folder / ERROR
@@ -93,4 +100,5 @@ def keep_error(folder: Path, text: str) -> None:
     """Write error.txt: the command that repeats the run, then what went wrong."""
     sweep = read_plan(folder.parent)
     commands = [sweep.repeat(job) for job in sweep.jobs if job.name == folder.name]
-    (folder / ERROR).write_text("\n".join(["repeat it with:", *commands, "", text.strip(), ""]))
+    with suppress(WriteError):  # what the disk has no room for can't be told there
+        write_text(folder / ERROR, "\n".join(["repeat it with:", *commands, "", text.strip(), ""]))

@@ -7,6 +7,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from eigenode_cli.files import write_text
 from eigenode_cli.report import number
 from eigenode_cli.sweep.figure import svg_of_sweep
 from eigenode_cli.sweep.plan import Sweep
@@ -26,7 +27,7 @@ def write_page(sweep: Sweep) -> Path:
         lstrip_blocks=True,
     )
     path = sweep.folder / "report.html"
-    path.write_text(environment.get_template("sweep.html.j2").render(page_content(sweep)), encoding="utf-8")
+    write_text(path, environment.get_template("sweep.html.j2").render(page_content(sweep)))
     return path
 
 
