@@ -137,10 +137,14 @@ def hidden(module: str) -> Path | None:
         module: dotted name of what was asked for.
     """
     first = module.partition(".")[0]
-    spec = importlib.util.find_spec(first)
+    try:
+        spec = importlib.util.find_spec(first)
+    except ValueError:  # __main__
+        spec = None
     candidates = [Path(folder) / name for folder in own_code() for name in (f"{first}.py", f"{first}/__init__.py")]
     own = next((path for path in candidates if path.is_file()), None)
-    return own if spec is not None and own is not None and spec.origin not in map(str, candidates) else None
+    taken = spec is not None and str(spec.origin) not in map(str, candidates)
+    return own if taken else None
 
 
 def restore_variable(name: str, value: str | None) -> None:

@@ -74,7 +74,8 @@ def train(words: Sequence[str]) -> int:
         composer = Composer(args.config_dir, args.config_name or "train")
         checked = _check(args, composer)
         if args.cfg is not None:
-            return _show([*args.overrides, *flags])
+            resolved = ["--resolve"] if args.cfg == "job" and not args.resolve else []  # a config that trains by itself
+            return _show([*args.overrides, *flags, *resolved])
         if DRY_RUN in words:
             return _dry_run(args, composer, checked)
         if checked.jobs:

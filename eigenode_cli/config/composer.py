@@ -29,6 +29,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
+from eigenode_cli.config.structure import structured
 from eigenode_cli.errors import UserError
 from eigenode_cli.paths import CONFIG_DIR
 
@@ -109,7 +110,8 @@ class Composer:
         """
         if words not in self._composed:
             with _explained():
-                self._composed[words] = self.loader.load_configuration(self.config_name, list(words), RunMode.RUN)
+                loaded = self.loader.load_configuration(self.config_name, list(words), RunMode.RUN)
+                self._composed[words] = structured(loaded)
         return copy.deepcopy(self._composed[words])
 
     def run(self, task: TaskFunction, words: Sequence[str]) -> Any:
