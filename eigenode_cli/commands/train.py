@@ -22,6 +22,7 @@ from eigenode_cli.config.composer import VERSION_BASE, Composer, explain, hydra_
 from eigenode_cli.config.examine import examine, normalise
 from eigenode_cli.config.sweep import Job, Kind, examine_sweep, is_hydras, repeated
 from eigenode_cli.errors import UserError
+from eigenode_cli.files import writing
 from eigenode_cli.lock import LOCK, locked
 from eigenode_cli.paths import CONFIG_DIR, claim_folder, importable, new_folder, restore_variable
 from eigenode_cli.runfile import RUN
@@ -133,7 +134,8 @@ def _single(words: Sequence[str], composer: Composer, config: DictConfig) -> int
     with locked(folder):
         _check_empty(folder)
         try:
-            return composer.run(_job, words)
+            with writing(folder):  # Hydra's own files; a run tells by itself
+                return composer.run(_job, words)
         except (HydraException, OmegaConfBaseException) as error:
             _leave(folder)
             raise UserError(explain(error)) from error
