@@ -31,11 +31,11 @@ def locked(folder: Path, wait: bool = False) -> Iterator[None]:
         WriteError: nothing can be written into it.
     """
     lock = _lock(folder)
-    try:
-        with writing(folder / LOCK):
+    with writing(folder / LOCK):
+        try:
             lock.acquire(timeout=-1 if wait else PATIENCE)
-    except Timeout as error:
-        raise UserError(f"{folder}: another process works in it; wait until it ends, or stop it") from error
+        except Timeout as error:
+            raise UserError(f"{folder}: another process works in it; wait until it ends, or stop it") from error
     try:
         yield
     finally:

@@ -56,6 +56,8 @@ def lasting_output() -> Iterator[Callable[[], bool]]:
 
     A reader that has seen enough, `eigenode list | head -1`, has lost nothing.
     """
+    if sys.stdin is None:
+        _reopened(0)
     streams = sys.stdout, sys.stderr
     closed = [_reopened(number) if stream is None else stream for number, stream in enumerate(streams, start=1)]
     out, err = (_Lasting(stream) for stream in closed)
@@ -78,8 +80,8 @@ def lasting_output() -> Iterator[Callable[[], bool]]:
 
 def _reopened(number: int) -> TextIO:
     """A stream to nowhere with the number of one that was closed: no file of a run may get it."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    nowhere = os.open(os.devnull, os.O_RDWR)
     if nowhere != number:
         os.dup2(nowhere, number)
         os.close(nowhere)
-    return open(number, "w", encoding="utf-8", closefd=False)  # a number, for the whole process
+    return open(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False)  # a number, for the whole process

@@ -22,7 +22,7 @@ from eigenode_cli.config.composer import VERSION_BASE, Composer, explain, hydra_
 from eigenode_cli.config.examine import examine, normalise
 from eigenode_cli.config.sweep import Job, Kind, examine_sweep, is_hydras, repeated
 from eigenode_cli.errors import UserError
-from eigenode_cli.files import writing
+from eigenode_cli.files import WriteError, writing
 from eigenode_cli.lock import LOCK, locked
 from eigenode_cli.paths import CONFIG_DIR, claim_folder, importable, new_folder, restore_variable
 from eigenode_cli.runfile import RUN
@@ -37,12 +37,18 @@ AUTO = "auto"
 DRY_RUN = "--dry-run"
 
 
-def _job(config: DictConfig) -> int:
-    """The training that a job of Hydra's is; returns its exit status."""
+def _job(config: DictConfig) -> int | UserError | WriteError:
+    """The training that a job of Hydra's is; returns its exit status, or why it never began.
+
+    An exception would be announced by Hydra, too.
+    """
     from eigenode_cli import run  # noqa: PLC0415  # torch, only once the command line is known to be right
 
     job = HydraConfig.get()
-    return run.train(typed(finalise(config)), Path(job.runtime.output_dir), [*own_flags(), *job.overrides.task])
+    try:
+        return run.train(typed(finalise(config)), Path(job.runtime.output_dir), [*own_flags(), *job.overrides.task])
+    except (UserError, WriteError) as error:
+        return error
 
 
 @dataclass(frozen=True)
@@ -135,10 +141,13 @@ def _single(words: Sequence[str], composer: Composer, config: DictConfig) -> int
         _check_empty(folder)
         try:
             with writing(folder):  # Hydra's own files; a run tells by itself
-                return composer.run(_job, words)
+                outcome = composer.run(_job, words)
         except (HydraException, OmegaConfBaseException) as error:
             _leave(folder)
             raise UserError(explain(error)) from error
+    if isinstance(outcome, Exception):
+        raise outcome
+    return outcome
 
 
 def _own_folder(chosen: str) -> Path:
