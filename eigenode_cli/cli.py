@@ -4,6 +4,7 @@
 """
 
 import argparse
+import errno
 import gc
 import os
 import signal
@@ -17,6 +18,8 @@ from typing import NoReturn
 
 from eigenode_cli import __version__
 from eigenode_cli.errors import UserError, unknown
+from eigenode_cli.files import WriteError
+from eigenode_cli.output import lasting_output
 from eigenode_cli.paths import importable
 
 USER_ERROR = 2
@@ -26,6 +29,15 @@ BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 OBJECTS_BETWEEN_COLLECTIONS = 10_000
 """Imports and Hydra make a million objects that stay: to look through them for garbage every 700 took 0.3 s."""
+
+REFUSALS = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO),
+    *(errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR),
+)
+"""Errors of a disk or a path that are not mistakes of this program: the file and the cause in one line."""
+
+PRINTING = ("--cfg", "-c", "--info", "-i", "--help", "-h", "--hydra-help", "--list", "--dry-run")
+"""Flags of commands that else write their result into a folder."""
 
 Adder = Callable[[argparse.ArgumentParser], None]
 
@@ -156,6 +168,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     for variable in BLAS_THREADS:
         os.environ.setdefault(variable, "1")
+    with lasting_output() as lost:
+        status = _answered(words)
+        return status or (USER_ERROR if lost() and _prints_its_result(words) else 0)
+
+
+def _answered(words: list[str]) -> int:
+    """The exit code of a command, whatever happens in it."""
     try:
         with _terminable(), _rare_collections(), importable("."):
             return _dispatch(words)
@@ -166,9 +185,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("eigenode: interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of a pipe, `eigenode list | head`, had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except OSError as error:
+        if not (isinstance(error, WriteError) or error.errno in REFUSALS):
+            raise
+        shown = str(error) if isinstance(error, WriteError) else f"{error.filename or 'a file'}: {error.strerror}"
+        print(f"eigenode: error: {shown}", file=sys.stderr)
+        return USER_ERROR
+
+
+def _prints_its_result(words: list[str]) -> bool:
+    """Whether what a command prints is all there is of its result: no folder has it."""
+    return words[:1] not in (["train"], ["resume"], ["reproduce"]) or any(word in PRINTING for word in words)
 
 
 def _dispatch(words: list[str]) -> int:

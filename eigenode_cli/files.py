@@ -1,27 +1,63 @@
-"""Files that are there whole or not at all."""
+"""Files that are there whole or not at all, and one line where they cannot be written."""
 
 import csv
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Let `write` fill a file beside `path`, then put it in the place of `path` in one move."""
+class WriteError(OSError):
+    """A file could not be written: the disk is full, the folder read-only; the message names the file and the cause."""
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Whatever the system answers to writing `path`, as a `WriteError`."""
+    try:
+        yield
+    except WriteError:
+        raise
+    except OSError as error:
+        raise WriteError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder `path`, with those above it, where there is none.
+
+    Raises:
+        WriteError: it can't be made.
+    """
+    with writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+
+
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a file beside `path`, then put it in the place of `path` in one move.
+
+    Raises:
+        WriteError: it can't be written; what stood there is still there.
+    """
     draft = path.with_name(path.name + ".draft")
-    write(draft)
-    draft.replace(path)
+    with writing(path):
+        try:
+            write(draft)
+            draft.replace(path)
+        except BaseException:
+            draft.unlink(missing_ok=True)  # on a full disk, a half of it would take the room of the next
+            raise
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write `content`, atomically."""
+    write_atomically(path, lambda draft: draft.write_bytes(content))
 
 
 def write_text(path: Path, text: str) -> None:
     """Write `text`, atomically."""
-
-    def write(draft: Path) -> None:
-        draft.write_text(text)
-
-    write_atomically(path, write)
+    write_bytes(path, text.encode())
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
@@ -56,3 +92,29 @@ def write_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[float
             writer.writerows([cell(value) for value in row] for row in rows)
 
     write_atomically(path, write)
+
+
+class Reserve:
+    """Room on the disk for the last word: taken while there is some, given back when it is needed.
+
+    Args:
+        folder: holds it as a hidden file meanwhile.
+    """
+
+    SIZE = 1 << 16
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / ".reserve"
+
+    def take(self) -> None:
+        """Take the room.
+
+        Raises:
+            WriteError: there is none.
+        """
+        write_bytes(self._path, b"room for the end of run.json\n".ljust(self.SIZE, b"."))
+
+    def give(self) -> None:
+        """Give it back."""
+        with writing(self._path):
+            self._path.unlink(missing_ok=True)

@@ -1,6 +1,7 @@
 """Where things lie: the shipped configs, the folders of runs, and the user's own code."""
 
 import hashlib
+import importlib.util
 import os
 import re
 import sys
@@ -9,6 +10,7 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
+from eigenode_cli import OWN_CODE, own_code
 from eigenode_cli.errors import UserError, nearest
 
 _HERE = Path(__file__).resolve().parent
@@ -37,8 +39,12 @@ def slug(text: str) -> str:
 
 
 def claim_folder(name: str) -> Path:
-    """A new folder `outputs/<date>_<time>_<name>`, created here and now, so that two runs never share one."""
-    OUTPUTS.mkdir(exist_ok=True)
+    """A new folder `outputs/<date>_<time>_<name>`, created here and now, so that two runs never share one.
+
+    Raises:
+        UserError: it can't be made.
+    """
+    new_folder(OUTPUTS, f"{OUTPUTS}")
     stem = f"{datetime.now():%Y-%m-%d_%H-%M-%S}_{slug(name)}"
     count = 1
     while True:
@@ -47,21 +53,36 @@ def claim_folder(name: str) -> Path:
             folder.mkdir()
         except FileExistsError:
             count += 1
+        except OSError as error:
+            raise UserError(f"{folder}: cannot be made ({error.strerror}); name another with hydra.run.dir") from error
         else:
             return folder
 
 
-def run_folder(text: str, needed: tuple[str, ...]) -> Path:
+def new_folder(folder: Path, said: str) -> None:
+    """Make a folder, with those above it, where there is none; `said` is what the user calls it.
+
+    Raises:
+        UserError: it is a file, or can't be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise UserError(f"{said}: is a file; name a folder") from error
+    except OSError as error:
+        raise UserError(f"{said}: cannot be made ({error.strerror}); name another folder") from error
+
+
+def run_folder(text: str) -> Path:
     """The folder of a run, given as a path or as a name under `outputs/`.
 
     Args:
         text: what the user typed.
-        needed: files that must be in it besides `run.json`.
 
     Raises:
-        UserError: there is no such folder, or it lacks a file.
+        UserError: there is no such folder, or it is not that of a run.
     """
-    folder = next((path for path in (Path(text), OUTPUTS / text) if path.is_dir()), None)
+    folder = next((path for path in (Path(text), OUTPUTS / text) if is_folder(path)), None)
     if folder is None:
         known = {path.parent.name: path.parent for path in sorted(OUTPUTS.glob("**/run.json"))}
         guess = nearest(Path(text).name, known)
@@ -71,25 +92,59 @@ def run_folder(text: str, needed: tuple[str, ...]) -> Path:
         if runs:
             raise UserError(f"{text}: a sweep, name one of its {len(runs)} runs, for example {folder / runs[0]}")
         raise UserError(f"{text}: not the folder of a run, it has no run.json")
-    missing = [name for name in needed if not (folder / name).is_file()]
-    if missing:
-        raise UserError(f"{text}: the run has no {' and no '.join(missing)}")
     return folder
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is such a folder; a name that no file system takes is none."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 @contextmanager
 def importable(*folders: str) -> Iterator[None]:
-    """Let the user's own code be imported from these folders, by child processes as well."""
-    path, inherited = list(sys.path), os.environ.get("PYTHONPATH")
-    resolved = [str(Path(folder).resolve()) for folder in folders]
-    sys.path[:0] = [folder for folder in resolved if folder not in sys.path]
-    if resolved:
-        os.environ["PYTHONPATH"] = os.pathsep.join([*resolved, *([inherited] if inherited else [])])
+    """Let the user's own code be imported from these folders, by child processes as well.
+
+    They stand at the end of the path: a file of the user's is never taken for an installed module of its name.
+
+    Raises:
+        UserError: the current folder is gone.
+    """
+    variables = (OWN_CODE, "PYTHONSAFEPATH")
+    path, before = list(sys.path), {name: os.environ.get(name) for name in variables}
+    known = own_code()
+    try:
+        own = list(dict.fromkeys([*(str(Path(folder).resolve()) for folder in folders), *known]))
+    except FileNotFoundError as error:
+        raise UserError("the current folder does not exist any more; change to another one") from error
+    sys.path[:] = [*(folder for folder in path if folder not in own), *own]
+    os.environ[OWN_CODE] = os.pathsep.join(own)
+    os.environ["PYTHONSAFEPATH"] = "1"  # children: Python itself puts the current folder first
     try:
         yield
     finally:
         sys.path[:] = path
-        restore_variable("PYTHONPATH", inherited)
+        for name in variables:
+            restore_variable(name, before[name])
+
+
+def hidden(module: str) -> Path | None:
+    """The user's own file that an installed module of the same name keeps from being imported, None if there is none.
+
+    Args:
+        module: dotted name of what was asked for.
+    """
+    first = module.partition(".")[0]
+    try:
+        spec = importlib.util.find_spec(first)
+    except ValueError:  # __main__
+        spec = None
+    candidates = [Path(folder) / name for folder in own_code() for name in (f"{first}.py", f"{first}/__init__.py")]
+    own = next((path for path in candidates if path.is_file()), None)
+    taken = spec is not None and str(spec.origin) not in map(str, candidates)
+    return own if taken else None
 
 
 def restore_variable(name: str, value: str | None) -> None:

@@ -3,24 +3,29 @@
 import csv
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 import torch
-from safetensors import safe_open
-from safetensors.torch import save_file
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
 
 from eigenode_cli.data import Data, Floats
 from eigenode_cli.engines.base import Evaluation
-from eigenode_cli.files import cell, write_atomically, write_json, write_table, write_text
+from eigenode_cli.files import cell, make_folder, write_bytes, write_json, write_table, write_text, writing
+from eigenode_cli.runfile import RecordError
 from eigenode_cli.terms import NAMES
 
 COLUMNS = ("step", "train_seconds", "lr", *NAMES, "max_real", "n_accepted", "n_rejected", "status", "dense_error")
 """Columns of metrics.csv; the user's own terms follow behind."""
 OPTIMIZER = "optimizer."
 """What the optimizer's arrays are named in last.safetensors, before their own names."""
+METRICS = "metrics.csv"
+LAST = "checkpoints/last.safetensors"
+ANYWAY = f"move {METRICS} away to go on without the records so far"
 
 
 @dataclass
@@ -97,28 +102,26 @@ class Recorder:
         self.names = tuple(names)
         self._truth = truth
         self._checkpoints = folder / "checkpoints"
-        self._checkpoints.mkdir(parents=True, exist_ok=True)
+        make_folder(self._checkpoints)
         self._file: TextIO | None = None
 
     @property
     def _metrics(self) -> Path:
-        return self.folder / "metrics.csv"
+        return self.folder / METRICS
 
     def open(self, resume_from: int | None) -> None:
         """Start metrics.csv, or cut it behind the step that the training is resumed from and go on there."""
-        header = [*COLUMNS, *(name for name in self.names if name not in NAMES)]
-        lines = [",".join(header)]
-        if resume_from is not None and self._metrics.exists():
-            rows = self._metrics.read_text().splitlines(keepends=True)[1:]
-            complete = [row.rstrip("\n") for row in rows if row.endswith("\n")]
-            lines += [row for row in complete if int(row.split(",", 1)[0]) < resume_from]
+        header = metrics_header(self.names)
+        lines = [header, *([] if resume_from is None else complete_rows(self.folder, header, resume_from))]
         write_text(self._metrics, "\n".join(lines) + "\n")
-        self._file = self._metrics.open("a", newline="")  # held open for the whole training
+        with writing(self._metrics):
+            self._file = self._metrics.open("a", newline="")  # held open for the whole training
 
     def close(self) -> None:
         """Close metrics.csv."""
         if self._file is not None:
-            self._file.close()
+            with suppress(OSError):  # each row was flushed; one that could not be has said so
+                self._file.close()
             self._file = None
 
     def record(self, progress: Progress, lr: float, evaluation: Evaluation) -> dict[str, Any]:
@@ -139,15 +142,15 @@ class Recorder:
         }
         if self._file is None:
             raise RuntimeError("the recorder is not open")
-        csv.writer(self._file, lineterminator="\n").writerow([cell(value) for value in row.values()])
-        self._file.flush()
+        with writing(self._metrics):
+            csv.writer(self._file, lineterminator="\n").writerow([cell(value) for value in row.values()])
+            self._file.flush()
         return row
 
     def checkpoint(self, step: int, network: dict[str, torch.Tensor]) -> Path:
         """Write the network's float64 state_dict as `checkpoints/step-NNNNNN.safetensors`; returns its path."""
         path = self._checkpoints / f"step-{step:06d}.safetensors"
-        tensors = _plain(network)
-        write_atomically(path, lambda draft: save_file(tensors, draft, metadata={"step": str(step)}))
+        write_bytes(path, save(_plain(network), metadata={"step": str(step)}))
         return path
 
     def save_last(self, snapshot: Snapshot, network: dict[str, torch.Tensor]) -> None:
@@ -161,24 +164,61 @@ class Recorder:
         tensors |= _plain(network)
         state = vars(snapshot.progress)
         header = {"progress": json.dumps(state)}
-        path = self._checkpoints / "last.safetensors"
-        write_atomically(path, lambda draft: save_file(tensors, draft, metadata=header))
+        path = self.folder / LAST
+        write_bytes(path, save(tensors, metadata=header))
         write_json(self._checkpoints / "last.json", state)
+
+
+def metrics_header(names: Sequence[str]) -> str:
+    """First line of metrics.csv; `names` are all terms."""
+    return ",".join([*COLUMNS, *(name for name in names if name not in NAMES)])
+
+
+def complete_rows(folder: Path, header: str, before: int) -> list[str]:
+    """The rows of metrics.csv of the steps before one; the last row may have been cut off.
+
+    Raises:
+        RecordError: a line is damaged; the message names it.
+    """
+    path = folder / METRICS
+    if not path.exists():
+        return []
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{METRICS}: cannot be read ({error}); {ANYWAY}") from error
+    complete = [line.rstrip("\n") for line in lines if line.endswith("\n")]
+    if complete[:1] not in ([], [header]):
+        raise RecordError(f"{METRICS}, line 1: not the columns of this run; {ANYWAY}")
+    rows = []
+    for number, row in enumerate(complete[1:], start=2):
+        cells = row.split(",")
+        if not cells[0].isdecimal() or len(cells) != header.count(",") + 1:
+            raise RecordError(f"{METRICS}, line {number}: not a row of this run; {ANYWAY}")
+        if int(cells[0]) < before:
+            rows.append(row)
+    return rows
 
 
 def load_last(folder: Path) -> tuple[Progress, Floats, dict[str, Floats]] | None:
     """Progress, parameters `(P,)` and optimizer state as `save_last` wrote them; None where nothing was saved yet.
 
     Sets torch's random state to the saved one.
+
+    Raises:
+        RecordError: it is damaged.
     """
-    path = folder / "checkpoints" / "last.safetensors"
+    path = folder / LAST
     if not path.exists():
         return None
-    with safe_open(path, framework="pt") as file:
-        progress = Progress(**json.loads(file.metadata()["progress"]))
-        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a dict
-    torch.set_rng_state(tensors.pop("random_state"))
-    theta = tensors.pop("theta").numpy().copy()
+    try:
+        with safe_open(path, framework="pt") as file:
+            progress = Progress(**json.loads(file.metadata()["progress"]))
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a dict
+        torch.set_rng_state(tensors.pop("random_state"))
+        theta = tensors.pop("theta").numpy().copy()
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+        raise RecordError(f"{LAST}: cannot be read ({type(error).__name__}: {error}); start the run again") from error
     named = {name: tensor for name, tensor in tensors.items() if name.startswith(OPTIMIZER)}
     optimizer = {name.removeprefix(OPTIMIZER): tensor.numpy().copy() for name, tensor in named.items()}
     return progress, theta, optimizer

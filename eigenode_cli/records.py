@@ -1,28 +1,29 @@
 """A run's folder, read back: what figures and the report are drawn from.
 
 Reading is strict. A file that is missing, a column that is not there or a cell that is no number is an error that
-names it; an empty cell is NaN, never 0.
+names it; an empty cell is NaN, never 0. Each table is read when it is asked for, so that one that is damaged does not
+take the others with it.
 """
 
 import csv
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eigenode_cli.data import Data, Floats
 from eigenode_cli.ending import STATUSES
+from eigenode_cli.runfile import Record, RecordError, read_record
 from eigenode_cli.solve.status import Status
 from eigenode_cli.systems.base import State
 from eigenode_cli.terms import NAMES, canonical, split_grads
 
 Bools = NDArray[np.bool_]
 Complexes = NDArray[np.complex128]
-T = TypeVar("T")
 
 SOLVE_STATUSES = tuple(status.label for status in Status)
 METRIC_COLUMNS = (
@@ -37,10 +38,6 @@ METRIC_COLUMNS = (
     "dense_error",
 )
 """Columns of metrics.csv in their order; the user's own terms follow."""
-
-
-class RecordError(ValueError):
-    """A run's folder does not hold what is read from it."""
 
 
 @dataclass(frozen=True)
@@ -99,16 +96,16 @@ class Spectra:
 
 @dataclass(frozen=True)
 class Run:
-    """Everything recorded of one run.
+    """Everything recorded of one run; a table that cannot be read raises a `RecordError` when it is asked for.
 
     Attributes:
         folder: where it was read from.
         status: one of `ending.STATUSES`; `error` says why one without success ended.
         config: the resolved configuration.
         system, title: name of the system, and its name for people.
-        states: name, unit and symbol of each state `(n,)`.
+        states: name, unit and symbol of each state `(n,)`; none of a run that failed before it was built.
         grads: names of the terms that trained, canonical order.
-        engine: the engine that computed the loss Jacobian.
+        engine: the engine that computed the loss Jacobian; empty of a run that failed before it was built.
         parameters: number of learned parameters.
         command: what was typed to start it.
         versions: of Python and the packages; `commit` is that of git, None outside a checkout.
@@ -129,113 +126,98 @@ class Run:
     command: str
     versions: dict[str, str]
     commit: str | None
-    metrics: Metrics
-    solution: Solution
-    eigenvalues: Spectra
-    data: Data
+
+    @cached_property
+    def metrics(self) -> Metrics:
+        """metrics.csv."""
+        return _read_metrics(self.folder, self.status)
+
+    @cached_property
+    def solution(self) -> Solution:
+        """solution.csv."""
+        return _read_solution(self.folder, self.status, [state.name for state in self.states])
+
+    @cached_property
+    def eigenvalues(self) -> Spectra:
+        """eigenvalues.csv."""
+        return _read_eigenvalues(self.folder, self.status)
+
+    @cached_property
+    def data(self) -> Data:
+        """data.csv."""
+        return _read_data(self.folder, self.status, [state.name for state in self.states])
+
+    @property
+    def settings(self) -> Record:
+        """The configuration, each value read with the type that is needed."""
+        return Record(self.config, "config.")
 
 
 def read_run(folder: Path) -> Run:
-    """The run recorded in `folder`.
+    """The run recorded in `folder`, with all its tables.
 
     Raises:
         RecordError: a file, key, column or number is missing or wrong; the message names it.
     """
-    record = _Record(_read_json(folder, "run.json"))
+    run = open_run(folder)
+    if not run.states:
+        raise RecordError("run.json: system is missing")
+    for table in (run.metrics, run.solution, run.eigenvalues, run.data):
+        del table  # to have been read
+    return run
+
+
+def open_run(folder: Path) -> Run:
+    """The run recorded in `folder`, whose tables are yet to be read.
+
+    Raises:
+        RecordError: run.json is missing, or lacks something, or something in it is wrong; the message names it.
+    """
+    content = read_record(folder)
+    record = Record(content)
     status = record.text("status")
     if status not in STATUSES:
         raise RecordError(f"run.json: status is '{status}', not one of {', '.join(STATUSES)}")
+    built = "system" in content or status == "finished"
     states = tuple(
         State(name=entry.text("name"), unit=entry.text("unit"), symbol=entry.text("symbol"))
-        for entry in record.entries("system.states")
+        for entry in (record.entries("system.states") if built else [])
     )
-    names = [state.name for state in states]
     return Run(
         folder=folder,
         status=status,
         error=record.optional_text("error"),
         config=record.mapping("config"),
         system=record.text("config.system.name"),
-        title=record.text("system.title"),
+        title=record.text("system.title" if built else "config.system.name"),
         states=states,
         grads=canonical(split_grads(record.text("config.grads"))),
         protocol=record.text("config.protocol"),
         seed=record.integer("config.seed"),
-        engine=record.text("engine"),
-        parameters=record.integer("parameters"),
+        engine=record.text("engine") if built else "",
+        parameters=record.integer("parameters") if built else 0,
         command=record.text("command"),
         versions={name: str(version) for name, version in record.mapping("versions").items()},
         commit=record.optional_text("git_commit"),
-        metrics=_read_metrics(folder, status),
-        solution=_read_solution(folder, status, names),
-        eigenvalues=_read_eigenvalues(folder, status),
-        data=_read_data(folder, status, names),
     )
-
-
-class _Record:
-    """run.json by dotted keys, each read with the type that is needed."""
-
-    def __init__(self, content: Mapping[str, Any], prefix: str = "") -> None:
-        self._content = content
-        self._prefix = prefix
-
-    def _find(self, key: str) -> Any:
-        node: Any = self._content
-        for part in key.split("."):
-            if not isinstance(node, Mapping) or part not in node:
-                raise RecordError(f"run.json: {self._prefix}{key} is missing")
-            node = node[part]
-        return node
-
-    def _typed(self, key: str, kind: type[T], name: str) -> T:
-        value = self._find(key)
-        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-            raise RecordError(f"run.json: {self._prefix}{key} is {value!r}, not {name}")
-        return value
-
-    def text(self, key: str) -> str:
-        return self._typed(key, str, "text")
-
-    def optional_text(self, key: str) -> str | None:
-        return None if self._find(key) is None else self.text(key)
-
-    def integer(self, key: str) -> int:
-        return self._typed(key, int, "an integer")
-
-    def mapping(self, key: str) -> dict[str, Any]:
-        return self._typed(key, dict, "a mapping")
-
-    def entries(self, key: str) -> list["_Record"]:
-        items = self._typed(key, list, "a list")
-        if not items:
-            raise RecordError(f"run.json: {self._prefix}{key} is empty")
-        return [_Record(item, f"{self._prefix}{key}[{i}].") for i, item in enumerate(items)]
-
-
-def _read_json(folder: Path, name: str) -> dict[str, Any]:
-    path = folder / name
-    if not path.is_file():
-        raise RecordError(f"{name} is missing in {folder}: not the folder of a run")
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise RecordError(f"{name}: not valid JSON: {error}") from error
-    if not isinstance(content, dict):
-        raise RecordError(f"{name}: not a mapping")
-    return content
 
 
 class _Table:
     """One CSV file by columns."""
 
-    def __init__(self, folder: Path, name: str, status: str) -> None:
+    def __init__(self, folder: Path, name: str, status: str, growing: bool = False) -> None:
+        """Read it; the last row of one that is `growing` is left out where a kill or a full disk cut it off."""
         self._name = name
         path = folder / name
         if not path.is_file():
             raise RecordError(f"{name} is missing in {folder}; the status of the run is {status}")
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+            if growing and lines and not lines[-1].endswith("\n"):
+                del lines[-1]
+            rows = list(csv.reader(lines))
+        except (OSError, ValueError, csv.Error) as error:  # ValueError: it is no text
+            raise RecordError(f"{name}: cannot be read ({error})") from error
         if len(rows) < 2:
             raise RecordError(f"{name}: holds no record")
         self.header, self._rows = rows[0], rows[1:]
@@ -290,7 +272,7 @@ class _Table:
 
 
 def _read_metrics(folder: Path, status: str) -> Metrics:
-    table = _Table(folder, "metrics.csv", status)
+    table = _Table(folder, "metrics.csv", status, growing=True)
     own = [column for column in table.header if column not in METRIC_COLUMNS]
     return Metrics(
         step=table.full("step"),

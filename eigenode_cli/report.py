@@ -2,17 +2,19 @@
 
 from base64 import b64encode
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from omegaconf import OmegaConf
 
 from eigenode_cli.console import minus
-from eigenode_cli.figures import figures_of, svg_of
+from eigenode_cli.figures import contained, figures_of, svg_of
 from eigenode_cli.figures.convergence import convergence_numbers
-from eigenode_cli.records import Metrics, Run, read_run
+from eigenode_cli.files import write_text
+from eigenode_cli.records import Metrics, Run, open_run
 from eigenode_cli.solve.status import Status
 
 ROWS = 12
@@ -21,15 +23,24 @@ NOTHING = "\N{EN DASH}"
 """Stands where there is no number."""
 
 
-def write_report(folder: Path) -> Path:
-    """Write `report.html` into the folder of a run, from its recorded files alone, and give its path.
+class Report(NamedTuple):
+    """The file of the page, and a line for each thing that is missing on it."""
 
-    The same recorded files give the same bytes.
+    path: Path
+    faults: list[str]
+
+
+def write_report(folder: Path) -> Report:
+    """Write `report.html` into the folder of a run, from its recorded files alone.
+
+    The same recorded files give the same bytes. What one that is missing or damaged would give is left out, and the
+    page says so.
 
     Raises:
-        RecordError: a recorded file is missing or does not hold what is needed.
+        RecordError: run.json is missing, or does not hold what is needed.
+        WriteError: the page cannot be written.
     """
-    run = read_run(folder)
+    content = page_content(open_run(folder))
     environment = Environment(
         loader=PackageLoader("eigenode_cli", "templates"),
         autoescape=True,
@@ -38,28 +49,41 @@ def write_report(folder: Path) -> Path:
         lstrip_blocks=True,
     )
     path = folder / "report.html"
-    path.write_text(environment.get_template("report.html.j2").render(page_content(run)), encoding="utf-8")
-    return path
+    write_text(path, environment.get_template("report.html.j2").render(content))
+    return Report(path, content["faults"])
 
 
 def page_content(run: Run) -> dict[str, Any]:
     """Everything that stands on the page, by the names that the template uses."""
-    metrics = run.metrics
-    failures = Counter(status for status in metrics.status if status != Status.OK.label)
+    faults: list[str] = []
+    figures: list[dict[str, str]] = []
+    for name in figures_of(run):
+        with contained(name, faults):
+            source = _data_uri(svg_of(run, name))
+            figures.append({"name": name, "caption": CAPTIONS[name](run), "source": source})
+    content: dict[str, Any] = {"tiles": [], "facts": [("system", run.system)], "table": None}
+    with contained("the table of metrics", faults):
+        content |= _numbers(run)
     return {
         "run": run,
         "grads": "+".join(run.grads),
+        "figures": figures,
+        "faults": faults,
+        "config": OmegaConf.to_yaml(OmegaConf.create(run.config)),
+        **content,
+    }
+
+
+def _numbers(run: Run) -> dict[str, Any]:
+    """What the page shows of metrics.csv."""
+    metrics = run.metrics
+    failures = Counter(status for status in metrics.status if status != Status.OK.label)
+    return {
         "tiles": headline(run),
         "facts": facts(run),
         "failures": dict(sorted(failures.items())),
         "records": len(metrics.status),
-        "figures": [
-            {"name": name, "caption": caption, "source": _data_uri(svg_of(run, name))}
-            for name, caption in captions(run).items()
-            if name in figures_of(run)
-        ],
         "table": metrics_table(metrics),
-        "config": OmegaConf.to_yaml(OmegaConf.create(run.config)),
     }
 
 
@@ -94,18 +118,24 @@ def facts(run: Run) -> list[tuple[str, str]]:
     ]
 
 
-def captions(run: Run) -> dict[str, str]:
-    """Caption of each figure, with the numbers that belong to it."""
+def _of_convergence(run: Run) -> str:
+    """The caption with the local minima."""
     minima = convergence_numbers(run).minima
     levels = "; ".join(f"{number(m.level)} from step {m.start:,.0f} to {m.stop:,.0f}" for m in minima)
     stood = f" Local minima (black-dashed): {levels}." if minima else " No local minimum was found."
-    return {
-        "convergence": "Terms over the training steps, unscaled, with their last values; zeros are not drawn." + stood,
-        "stability": "Largest real part of any eigenvalue along the trajectory. Stable systems lie below the border.",
-        "solution": "Model and truth over twice the training horizon, with the data that SOL compares.",
-        "eigenvalues": "Eigenvalues along the model's trajectory, coloured by time, and their targets.",
-        "phase": "Phase portrait of the first two states.",
-    }
+    return "Terms over the training steps, unscaled, with their last values; zeros are not drawn." + stood
+
+
+CAPTIONS: dict[str, Callable[[Run], str]] = {
+    "convergence": _of_convergence,
+    "stability": lambda _: (
+        "Largest real part of any eigenvalue along the trajectory. Stable systems lie below the border."
+    ),
+    "solution": lambda _: "Model and truth over twice the training horizon, with the data that SOL compares.",
+    "eigenvalues": lambda _: "Eigenvalues along the model's trajectory, coloured by time, and their targets.",
+    "phase": lambda _: "Phase portrait of the first two states.",
+}
+"""Caption of each figure, with the numbers that belong to it."""
 
 
 def metrics_table(metrics: Metrics) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cache, partial
@@ -32,11 +33,15 @@ from eigenode_cli.ending import DIVERGED, FAILED, FINISHED, INTERRUPTED, STALLED
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
+from eigenode_cli.files import Reserve, WriteError, write_text
+from eigenode_cli.lock import locked
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
-from eigenode_cli.recorder import Progress, Recorder, load_last, write_data, write_json
+from eigenode_cli.recorder import Progress, Recorder, load_last, metrics_header, write_data, write_json
 from eigenode_cli.reference import reference_solution, sample, stated_targets, truth_targets, with_noise
+from eigenode_cli.resumption import check_saved
+from eigenode_cli.runfile import VERSION, resume_command
 from eigenode_cli.stages import build_stages
 from eigenode_cli.systems import SYSTEMS, System
 from eigenode_cli.terms import NAMES, canonical, split_grads, training_terms
@@ -147,15 +152,24 @@ def train(
     """
     record = _identity(config)
     record["command"] = shlex.join(["eigenode", "train", *overrides])
-    return _attended(config, folder, record, resumed=False, quiet=quiet, watch=watch)
+    with locked(folder):
+        return _attended(config, folder, record, resumed=False, quiet=quiet, watch=watch)
 
 
 def resume(
     config: TrainConfig, folder: Path, previous: dict[str, Any], quiet: bool = False, watch: Display | None = None
 ) -> int:
-    """Go on with the run in `folder` from what it saved last; `previous` is its run.json."""
-    kept = {key: previous[key] for key in ("command", "started", "wall_seconds")}
-    return _attended(config, folder, _identity(config) | kept, resumed=True, quiet=quiet, watch=watch)
+    """Go on with the run in `folder` from what it saved last; `previous` is its run.json.
+
+    Raises:
+        UserError: what it saved is damaged or does not go with `config`, or another process works in the folder.
+    """
+    with locked(folder):
+        identity = _identity(config)
+        names = (*NAMES, *sorted(config.terms))
+        check_saved(config, folder, metrics_header(names))
+        kept = {key: previous.get(key, identity[key]) for key in ("command", "started", "wall_seconds")}
+        return _attended(config, folder, identity | kept, resumed=True, quiet=quiet, watch=watch)
 
 
 def _attended(
@@ -163,6 +177,8 @@ def _attended(
 ) -> int:
     """Run a training so that run.json, filled from `record` on, tells how it ended, whatever happens."""
     start = perf_counter()
+    reserve, full = Reserve(folder), None
+    reserve.take()
     write_json(folder / "run.json", record)
     try:
         setup = build(config, unheard if quiet else print)
@@ -173,15 +189,26 @@ def _attended(
         ending = Ending(INTERRUPTED, "interrupted by the user")
     except Unsolvable as error:
         ending = Ending(FAILED, str(error))
+    except WriteError as error:  # once there is room, it goes on from what was saved
+        ending, full = Ending(INTERRUPTED, str(error)), error
     except Exception as error:  # whatever it was: the folder tells, a sweep goes on
-        (folder / "error.txt").write_text(traceback.format_exc())
+        with suppress(WriteError):
+            write_text(folder / "error.txt", traceback.format_exc())
         said = str(error) if isinstance(error, TermFailed) else f"{type(error).__name__}: {error}"
         ending = Ending(FAILED, f"{said} (traceback in error.txt)")
     record |= {"status": ending.status, "error": ending.reason}
     record["wall_seconds"] += perf_counter() - start
-    write_json(folder / "run.json", record)
+    try:
+        reserve.give()
+        write_json(folder / "run.json", record)
+    except WriteError as error:
+        full = full or error
+        if not quiet:
+            print(f"eigenode: {error}", file=sys.stderr)
     if not quiet:
         _tell(folder, record)
+    if full is not None:
+        return EXIT[FAILED]
     drawn = _draw(folder, quiet) if config.trainer.figures and record["final"] else EXIT[FINISHED]
     return EXIT[ending.status] or drawn
 
@@ -281,6 +308,7 @@ def _network_state(field: VectorField, theta: Floats) -> dict[str, torch.Tensor]
 def _identity(config: TrainConfig) -> dict[str, Any]:
     """What is known of a run before anything is built."""
     return {
+        "version": VERSION,
         "status": "running",
         "error": None,
         "seed": config.seed,
@@ -351,6 +379,6 @@ def _tell(folder: Path, record: dict[str, Any]) -> None:
     if record["status"] != FINISHED:
         print(f"eigenode: {record['status']}: {record['error']}", file=sys.stderr)
     if record["status"] == INTERRUPTED:
-        print(f"go on with: eigenode resume {folder}", file=sys.stderr)
+        print(f"go on with: {resume_command(folder, record['command'])}", file=sys.stderr)
     if record["final"]:
         print(f"{record['summary']}\nrun     {folder}")

@@ -152,7 +152,7 @@ def test_own_configs_and_own_code(runs: Runs, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (["--cfg", "job"], "  name: ${hydra:runtime.choices.system}\n  dynamics: vdp"),
+        (["--cfg", "job"], "  name: vdp\n  dynamics: vdp"),
         (["--cfg", "job", "--resolve", "system=sparse_oscillator", "-p", "system"], "name: sparse_oscillator"),
         (["system=oscillator", "--cfg", "job", "seed=5"], "seed: 5"),
         (["--info", "searchpath"], str(ROOT / "configs")),
@@ -228,11 +228,12 @@ def test_what_is_not_a_run(
         "outputs/2026-11-25_vdp": "no such folder, did you mean outputs/2026-11-24_vdp?",
         "outputs/empty": "not the folder of a run, it has no run.json",
         "sweep": "a sweep, name one of its 1 runs, for example outputs/sweep/seed=0",
-        "2026-11-24_vdp": "its run.json cannot be read" if command == "resume" else "the run has no metrics.csv",
     }
     for folder, answer in expected.items():
         assert main([command, folder]) == 2
         assert f"eigenode: error: {folder}: {answer}" in capsys.readouterr().err
+    assert main([command, "2026-11-24_vdp"]) == 2
+    assert capsys.readouterr().err.startswith("eigenode: error: run.json: not valid JSON: ")
 
 
 def test_a_finished_run_is_not_resumed(
@@ -248,13 +249,15 @@ def test_plot_and_report_print_what_they_wrote(
 ) -> None:
     for name in ("run.json", "metrics.csv"):
         (tmp_path / name).touch()
-    figures = SimpleNamespace(draw_run=lambda folder: [folder / "plots" / "phase.png"])
-    report = SimpleNamespace(write_report=lambda folder: folder / "report.html")
+    figures = SimpleNamespace(draw_run=lambda folder: ([folder / "plots" / "phase.png"], ["data.csv is missing"]))
+    report = SimpleNamespace(write_report=lambda folder: SimpleNamespace(path=folder / "report.html", faults=[]))
     monkeypatch.setitem(sys.modules, "eigenode_cli.figures", figures)
     monkeypatch.setitem(sys.modules, "eigenode_cli.report", report)
     assert main(["plot", str(tmp_path)]) == 0
     assert main(["report", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.split() == [str(tmp_path / "plots" / "phase.png"), str(tmp_path / "report.html")]
+    out, err = capsys.readouterr()
+    assert out.split() == [str(tmp_path / "plots" / "phase.png"), str(tmp_path / "report.html")]
+    assert err == "eigenode: data.csv is missing\n"
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,15 @@
 """`eigenode resume | plot | report RUN`: what is done with the folder of a run, or of a sweep."""
 
 import argparse
-import json
+import sys
 from pathlib import Path
 from typing import Any
 
 from eigenode_cli.ending import FINAL, FINISHED
 from eigenode_cli.errors import UserError
-from eigenode_cli.paths import OUTPUTS, importable, run_folder
+from eigenode_cli.lock import locked
+from eigenode_cli.paths import OUTPUTS, importable, is_folder, run_folder
+from eigenode_cli.runfile import Record, flags, read_record
 from eigenode_cli.sweep.plan import PLAN, quoted, read_plan
 
 
@@ -16,20 +18,22 @@ def resume(args: argparse.Namespace) -> int:
     sweep = _sweep_folder(args.run)
     if sweep is not None:
         return _resume_sweep(sweep, args.config_dir)
-    folder = run_folder(args.run, ())
-    try:
-        previous = json.loads((folder / "run.json").read_text())
-    except json.JSONDecodeError as error:
-        raise UserError(f"{args.run}: its run.json cannot be read ({error})") from error
-    if previous.get("status") in FINAL:
-        raise UserError(f"{args.run}: {_finality(previous)}")
-    from eigenode_cli.config.compose import restore  # noqa: PLC0415
+    folder = run_folder(args.run)
+    with locked(folder):
+        previous = read_record(folder)
+        record = Record(previous)
+        if record.text("status") in FINAL:
+            raise UserError(f"{args.run}: {_finality(previous)}")
+        settings = record.mapping("config")
+        words = flags(record.text("command"))
+        dirs = [word.partition("=")[2] for word in words if word.startswith("--config-dir=")]
+        from eigenode_cli.config.compose import restore  # noqa: PLC0415
 
-    config = restore(previous["config"])
-    from eigenode_cli import run  # noqa: PLC0415
+        with importable(*([args.config_dir] if args.config_dir else dirs)):
+            config = restore(settings)
+            from eigenode_cli import run  # noqa: PLC0415
 
-    with importable(*([args.config_dir] if args.config_dir else [])):
-        return run.resume(config, folder, previous)
+            return run.resume(config, folder, previous)
 
 
 def _finality(record: dict[str, Any]) -> str:
@@ -46,15 +50,11 @@ def plot(args: argparse.Namespace) -> int:
         from eigenode_cli.sweep.figure import draw_summary  # noqa: PLC0415
         from eigenode_cli.sweep.summary import group, read_rows  # noqa: PLC0415
 
-        paths = draw_summary(sweep, group(read_rows(read_plan(sweep))))
-    else:
-        folder = run_folder(args.run, ("metrics.csv",))
-        from eigenode_cli.figures import draw_run  # noqa: PLC0415
+        return _tell(draw_summary(sweep, group(read_rows(read_plan(sweep)))), [])
+    folder = run_folder(args.run)
+    from eigenode_cli.figures import draw_run  # noqa: PLC0415
 
-        paths = draw_run(folder)
-    for path in paths:
-        print(path)
-    return 0
+    return _tell(*draw_run(folder))
 
 
 def report(args: argparse.Namespace) -> int:
@@ -63,18 +63,34 @@ def report(args: argparse.Namespace) -> int:
     if sweep is not None:
         from eigenode_cli.sweep.page import write_page  # noqa: PLC0415
 
-        print(write_page(read_plan(sweep)))
-        return 0
-    folder = run_folder(args.run, ("metrics.csv",))
+        return _tell([write_page(read_plan(sweep))], [])
+    folder = run_folder(args.run)
     from eigenode_cli.report import write_report  # noqa: PLC0415
 
-    print(write_report(folder))
+    written = write_report(folder)
+    return _tell([written.path], written.faults)
+
+
+def _tell(paths: list[Path], faults: list[str]) -> int:
+    """Print what was drawn and what kept the rest from being drawn; returns the exit status.
+
+    Raises:
+        UserError: nothing was drawn.
+    """
+    if not paths:
+        raise UserError(faults)
+    for path in paths:
+        print(path)
+    for fault in faults:
+        print(f"eigenode: {fault}", file=sys.stderr)
     return 0
 
 
 def _sweep_folder(text: str) -> Path | None:
     """The folder of a sweep, given as a path or as a name under outputs/; None where it is none."""
-    return next((folder for folder in (Path(text), OUTPUTS / text) if (folder / PLAN).is_file()), None)
+    return next(
+        (folder for folder in (Path(text), OUTPUTS / text) if is_folder(folder) and (folder / PLAN).is_file()), None
+    )
 
 
 def _resume_sweep(folder: Path, config_dir: str | None) -> int:

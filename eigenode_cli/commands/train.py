@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -17,12 +18,15 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.compose import finalise, typed
-from eigenode_cli.config.composer import VERSION_BASE, Composer, explain, hydra_values
+from eigenode_cli.config.composer import VERSION_BASE, Composer, explain, hydra_values, own_flags
 from eigenode_cli.config.examine import examine, normalise
 from eigenode_cli.config.sweep import Job, Kind, examine_sweep, is_hydras, repeated
 from eigenode_cli.cpus import usable_cores
 from eigenode_cli.errors import UserError
-from eigenode_cli.paths import CONFIG_DIR, claim_folder, importable, restore_variable
+from eigenode_cli.files import WriteError, writing
+from eigenode_cli.lock import LOCK, locked
+from eigenode_cli.paths import CONFIG_DIR, claim_folder, importable, new_folder, restore_variable
+from eigenode_cli.runfile import RUN
 from eigenode_cli.sweep.conduct import conduct
 from eigenode_cli.sweep.job import figures_chosen
 from eigenode_cli.sweep.launch import launch, launcher_faults, settings_faults, sweeper_faults, workers
@@ -34,12 +38,18 @@ AUTO = "auto"
 DRY_RUN = "--dry-run"
 
 
-def _job(config: DictConfig) -> int:
-    """The training that a job of Hydra's is; returns its exit status."""
+def _job(config: DictConfig) -> int | UserError | WriteError:
+    """The training that a job of Hydra's is; returns its exit status, or why it never began.
+
+    An exception would be announced by Hydra, too.
+    """
     from eigenode_cli import run  # noqa: PLC0415  # torch, only once the command line is known to be right
 
     job = HydraConfig.get()
-    return run.train(typed(finalise(config)), Path(job.runtime.output_dir), job.overrides.task)
+    try:
+        return run.train(typed(finalise(config)), Path(job.runtime.output_dir), [*own_flags(), *job.overrides.task])
+    except (UserError, WriteError) as error:
+        return error
 
 
 @dataclass(frozen=True)
@@ -72,7 +82,8 @@ def train(words: Sequence[str]) -> int:
         composer = Composer(args.config_dir, args.config_name or "train")
         checked = _check(args, composer)
         if args.cfg is not None:
-            return _show([*args.overrides, *flags])
+            resolved = ["--resolve"] if args.cfg == "job" and not args.resolve else []  # a config that trains by itself
+            return _show([*args.overrides, *flags, *resolved])
         if DRY_RUN in words:
             return _dry_run(args, composer, checked)
         if checked.jobs:
@@ -132,26 +143,42 @@ def _single(words: Sequence[str], composer: Composer, config: DictConfig) -> int
         grads = "+".join(canonical(split_grads(config.grads)))
         name = f"{config.system.name}_{grads}_seed{config.seed}"
         chosen = config.hydra.run.dir
-    claimed = claim_folder(name) if chosen == AUTO else None
-    if claimed is None:
-        _check_folder(chosen)
-    else:
-        words = [*words, f"hydra.run.dir={claimed.as_posix()}"]
-    try:
-        return composer.run(_job, words)
-    except (HydraException, OmegaConfBaseException) as error:
-        if claimed is not None and not any(claimed.iterdir()):  # an empty folder is not left behind
-            claimed.rmdir()
-        raise UserError(explain(error)) from error
+    folder = claim_folder(name) if chosen == AUTO else _own_folder(chosen)
+    if chosen == AUTO:
+        words = [*words, f"hydra.run.dir={folder.as_posix()}"]
+    with locked(folder):
+        _check_empty(folder)
+        try:
+            with writing(folder):  # Hydra's own files; a run tells by itself
+                outcome = composer.run(_job, words)
+        except (HydraException, OmegaConfBaseException) as error:
+            _leave(folder)
+            raise UserError(explain(error)) from error
+    if isinstance(outcome, Exception):
+        raise outcome
+    return outcome
 
 
-def _check_folder(folder: str) -> None:
-    if Path(folder).exists() and not Path(folder).is_dir():
-        raise UserError(f"hydra.run.dir={folder}: is a file; name a folder")
-    if (Path(folder) / "run.json").exists():
+def _own_folder(chosen: str) -> Path:
+    """The folder that the user names, made where there is none."""
+    said, folder = f"hydra.run.dir={chosen}", Path(chosen)
+    new_folder(folder, said)
+    return folder
+
+
+def _check_empty(folder: Path) -> None:
+    if (folder / RUN).exists():
         raise UserError(
             f"hydra.run.dir={folder}: holds a run already; name another folder, or go on with eigenode resume"
         )
+
+
+def _leave(folder: Path) -> None:
+    """Take a folder away that nothing was written into."""
+    if {path.name for path in folder.iterdir()} == {LOCK}:
+        with suppress(OSError):
+            (folder / LOCK).unlink()
+            folder.rmdir()
 
 
 def _sweep(args: argparse.Namespace, composer: Composer, checked: _Checked) -> int:

@@ -9,8 +9,10 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.composer import Composer, explain, hydra_values
 from eigenode_cli.config.examine import Examined, examine, normalise
-from eigenode_cli.config.schema import SCHEMAS, TrainConfig
-from eigenode_cli.errors import UserError
+from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.structure import structured
+from eigenode_cli.config.values import value_faults
+from eigenode_cli.runfile import RUN, RecordError
 from eigenode_cli.terms import canonical, split_grads
 
 
@@ -28,25 +30,26 @@ def finalise(config: DictConfig) -> DictConfig:
 
 def typed(config: DictConfig) -> TrainConfig:
     """The configuration as plain typed objects, the class of each group's node by what was chosen."""
-    return cast(TrainConfig, OmegaConf.to_object(config))
+    return cast(TrainConfig, OmegaConf.to_object(structured(config)))
 
 
 def restore(record: dict[str, Any]) -> TrainConfig:
-    """The configuration that a run's `run.json` holds; a group's class is the one with exactly its options.
+    """The configuration that a run's `run.json` holds, checked as that of a command is.
 
     Raises:
-        UserError: the record was written by another version of the schema.
+        RecordError: with all faults; or it was written by another version of the schema.
     """
-    config = OmegaConf.structured(TrainConfig)
     try:
-        for group, values in record.items():
-            schemas = SCHEMAS.get(group, {}).values()
-            schema = next((s for s in schemas if set(s.__dataclass_fields__) == set(values)), None)
-            if schema is not None:
-                config[group] = OmegaConf.structured(schema)
-        return typed(cast(DictConfig, OmegaConf.merge(config, record)))
-    except OmegaConfBaseException as error:
-        raise UserError(f"run.json: not a configuration of this version: {explain(error)}") from error
+        config = structured(OmegaConf.create(record))
+        OmegaConf.resolve(config)
+        faults = value_faults(config)
+    except (OmegaConfBaseException, ValueError) as error:
+        key = getattr(error, "full_key", None)
+        place = f"config.{key}" if key else "config"
+        raise RecordError(f"{RUN}: {place}: {explain(error)}") from error
+    if faults:
+        raise RecordError([f"{RUN}: config.{fault}" for fault in faults])
+    return typed(config)
 
 
 def compose(overrides: Sequence[str], config_dir: str | None = None) -> DictConfig:

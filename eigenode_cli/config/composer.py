@@ -8,7 +8,7 @@ import copy
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,24 @@ from omegaconf import DictConfig, OmegaConf, flag_override
 from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
+from eigenode_cli.config.structure import structured
 from eigenode_cli.errors import UserError
 from eigenode_cli.paths import CONFIG_DIR
 
 VERSION_BASE = "1.3"
+OURS = {
+    "hydra/launcher": "joblib",
+    "hydra/job_logging": "none",
+    "hydra/hydra_logging": "none",
+    "hydra.job.name": "train",
+    "hydra.job.chdir": "false",
+    "hydra.run.dir": "auto",
+    "hydra.sweep.dir": "auto",
+    "hydra.sweep.subdir": "auto",
+}
+"""Settings of Hydra that `train.yaml` makes."""
+COMMAND_LINE = "command-line"
+"""Provider of the configs in `--config-dir`."""
 DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine", "protocol_optimizer")
 """Groups that a protocol chooses from, not the user."""
 
@@ -46,6 +60,32 @@ def _register() -> None:
 
 
 _register()
+
+
+class Loader(ConfigLoaderImpl):
+    """Hydra's loader; a primary config that is not built on ours gets our settings of Hydra and the schema as well."""
+
+    def load_configuration(
+        self,
+        config_name: str | None,
+        overrides: list[str],
+        run_mode: RunMode,
+        from_shell: bool = True,
+        validate_sweep_overrides: bool = True,
+    ) -> DictConfig:
+        """The configuration with its `hydra` node; see Hydra's method of this name."""
+        load = partial(
+            super().load_configuration,
+            config_name,
+            run_mode=run_mode,
+            from_shell=from_shell,
+            validate_sweep_overrides=validate_sweep_overrides,
+        )
+        config = load(overrides)
+        if OmegaConf.get_type(config) is TrainConfig:
+            return config
+        chosen = {word.partition("=")[0].lstrip("+") for word in overrides}
+        return structured(load([*(f"{key}={value}" for key, value in OURS.items() if key not in chosen), *overrides]))
 
 
 class Composer:
@@ -64,9 +104,9 @@ class Composer:
             folder = Path(config_dir).resolve()
             if not folder.is_dir():
                 raise UserError(f"--config-dir {config_dir}: no such folder")
-            search_path.prepend("command-line", f"file://{folder}", SearchPathQuery(provider="schema", path=None))
+            search_path.prepend(COMMAND_LINE, f"file://{folder}", SearchPathQuery(provider="schema", path=None))
         self.config_name = config_name
-        self.loader = ConfigLoaderImpl(search_path)
+        self.loader = Loader(search_path)
         self.parser = OverridesParser.create(config_loader=self.loader)
         self._composed: dict[tuple[str, ...], DictConfig] = {}
         self._choices: dict[tuple[str, ...], list[str]] = {}
@@ -151,6 +191,14 @@ def _explained() -> Iterator[None]:
             raise UserError(explain(error)) from error
     if caught:
         raise UserError([_one_line(str(warning.message)) for warning in caught])
+
+
+def own_flags() -> list[str]:
+    """The flags of the command line that gave the present job its configs: `--config-dir=...`, `--config-name=...`."""
+    hydra = HydraConfig.get()
+    folders = [source.path for source in hydra.runtime.config_sources if source.provider == COMMAND_LINE]
+    name = hydra.job.config_name
+    return [*(f"--config-dir={folder}" for folder in folders), *([f"--config-name={name}"] if name != "train" else [])]
 
 
 def explain(error: BaseException) -> str:

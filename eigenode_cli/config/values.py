@@ -12,6 +12,7 @@ from eigenode_cli.config.constraint import constraint_of
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.engines.obstacle import obstacle
 from eigenode_cli.errors import nearest, unknown
+from eigenode_cli.paths import hidden
 from eigenode_cli.terms import NAMES, split_grads, training_terms
 from eigenode_cli.terms.arguments import arguments_of
 
@@ -107,6 +108,9 @@ def _own_terms(config: DictConfig) -> Iterator[str]:
 
 
 def _import_fault(module: str, function: str) -> str | None:
+    own = hidden(module)
+    if own is not None:
+        return f"an installed module {module.partition('.')[0]} is taken, not {own}; rename yours"
     try:
         loaded = importlib.import_module(module)
     except Exception as error:  # the user's code may raise anything on import

@@ -3,9 +3,10 @@
 Every figure is two functions, one from the run to the numbers that it shows and one from those numbers to a drawing.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from eigenode_cli.figures.convergence import convergence_numbers, draw_convergence
 from eigenode_cli.figures.eigenvalues import draw_eigenvalues, eigenvalue_numbers
@@ -13,7 +14,9 @@ from eigenode_cli.figures.phase import draw_phase, phase_numbers
 from eigenode_cli.figures.solution import draw_solution, solution_numbers
 from eigenode_cli.figures.stability import draw_stability, stability_numbers
 from eigenode_cli.figures.style import house_style, save, to_svg
-from eigenode_cli.records import Run, read_run
+from eigenode_cli.files import WriteError, make_folder
+from eigenode_cli.records import Run, open_run
+from eigenode_cli.runfile import RecordError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,31 +36,59 @@ def figures_of(run: Run) -> list[str]:
     return [name for name in FIGURES if name != "phase" or len(run.states) > 1]
 
 
-def draw_run(folder: Path) -> list[Path]:
-    """Draw every figure of the run in `folder` into its `plots/`, each as .png and .pdf, and give their paths.
+class Drawn(NamedTuple):
+    """The files of the figures, and a line for each thing that kept another figure from being drawn."""
+
+    paths: list[Path]
+    faults: list[str]
+
+
+def draw_run(folder: Path) -> Drawn:
+    """Draw every figure of the run in `folder` that its files allow into its `plots/`, each as .png and .pdf.
 
     The same recorded files give the same bytes.
 
     Raises:
-        RecordError: a recorded file is missing or does not hold what is needed.
+        RecordError: run.json is missing, or does not hold what is needed.
+        WriteError: a figure cannot be written.
     """
-    run = read_run(folder)
+    run = open_run(folder)
     plots = folder / "plots"
-    plots.mkdir(exist_ok=True)
-    paths: list[Path] = []
+    drawn = Drawn([], [])
     for name in figures_of(run):
-        numbers_of, draw = FIGURES[name]
-        with house_style():
-            figure = draw(numbers_of(run))
+        with house_style(), contained(name, drawn.faults):
+            figure = _figure(run, name)
+            make_folder(plots)
             for suffix in (".png", ".pdf"):
                 path = plots / f"{name}{suffix}"
                 save(figure, path)
-                paths.append(path)
-    return paths
+                drawn.paths.append(path)
+    return drawn
+
+
+@contextmanager
+def contained(name: str, faults: list[str]) -> Iterator[None]:
+    """Add what is wrong with the recorded files to `faults`, once, and go on; `name` is of what is drawn from them."""
+    try:
+        yield
+    except RecordError as error:
+        line = str(error)
+    except WriteError:
+        raise
+    except Exception as error:  # numbers that no file of a run holds: the other figures are drawn all the same
+        line = f"{name} cannot be drawn ({type(error).__name__}: {error})"
+    else:
+        return
+    if line not in faults:
+        faults.append(line)
 
 
 def svg_of(run: Run, name: str) -> bytes:
     """One figure of a run as a self-contained SVG."""
-    numbers_of, draw = FIGURES[name]
     with house_style():
-        return to_svg(draw(numbers_of(run)))
+        return to_svg(_figure(run, name))
+
+
+def _figure(run: Run, name: str) -> "Figure":
+    numbers_of, draw = FIGURES[name]
+    return draw(numbers_of(run))

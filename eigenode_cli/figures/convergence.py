@@ -54,8 +54,8 @@ def convergence_numbers(run: Run) -> Convergence:
     """The numbers of the figure."""
     metrics = run.metrics
     names = [name for name in metrics.terms if name == "sol" or name in run.grads]
-    error = run.config["error"]
-    solved = tenth_of_average(run.data, str(error["sol"]), float(error["huber_delta"]))
+    settings = run.settings
+    solved = tenth_of_average(run.data, settings.text("error.sol"), settings.number("error.huber_delta"))
     return Convergence(
         step=metrics.step,
         terms={name: _positive(metrics.terms[name]) for name in names},

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eigenode_cli.data import Floats
+from eigenode_cli.files import write_bytes
 from eigenode_cli.records import Bools
 from eigenode_cli.systems.base import State
 
@@ -170,7 +171,9 @@ def new_figure(height: float | None = None) -> "Figure":
 def save(figure: "Figure", path: Path) -> None:
     """Write `path`, .png or .pdf, without times or versions: the same figure gives the same bytes."""
     empty = {".png": {"Software": None}, ".pdf": {"Creator": None, "Producer": None, "CreationDate": None}}
-    figure.savefig(path, metadata=empty[path.suffix])
+    buffer = BytesIO()
+    figure.savefig(buffer, format=path.suffix[1:], metadata=empty[path.suffix])
+    write_bytes(path, buffer.getvalue())
 
 
 def to_svg(figure: "Figure") -> bytes:

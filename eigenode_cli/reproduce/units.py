@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,10 @@ from eigenode_cli.config.composer import keep_composition
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.sweep import of_seed
 from eigenode_cli.ending import FINAL, FINISHED, INTERRUPTED, RUNNING
+from eigenode_cli.files import make_folder
+from eigenode_cli.lock import locked
 from eigenode_cli.paths import OUTPUTS, slug
+from eigenode_cli.runfile import NewerError, RecordError, read_record
 
 
 @dataclass(frozen=True)
@@ -35,17 +39,19 @@ class Unit:
     composed: DictConfig | None = None
 
     def record(self) -> dict[str, Any] | None:
-        """What run.json says, None where there is none or it was cut off by a kill."""
+        """What run.json says, None where there is none or it is damaged."""
         try:
-            return json.loads((self.folder / "run.json").read_text())
-        except (FileNotFoundError, json.JSONDecodeError):
+            return read_record(self.folder)
+        except NewerError:
+            raise
+        except RecordError:
             return None
 
     @property
     def status(self) -> str | None:
         """How it stands, one of `ending.STATUSES`; None where this configuration was never started."""
         record = self.record()
-        return record["status"] if record is not None and record["config"] == container(self.config) else None
+        return record.get("status") if record and record.get("config") == container(self.config) else None
 
 
 def container(config: TrainConfig) -> dict[str, Any]:
@@ -88,18 +94,25 @@ def pending(units: Sequence[Unit]) -> list[Unit]:
 
 
 def train_unit(unit: Unit) -> int:
-    """Train one unit, go on with it where it was killed, or leave it where it has ended; returns the exit status."""
+    """Train one unit, go on with it where it was killed, or leave it where it has ended; returns the exit status.
+
+    Where another process trains it, it is waited for.
+    """
     from eigenode_cli import run  # noqa: PLC0415  # torch, in the process that trains
 
     if unit.status in FINAL:
         return 0 if unit.status == FINISHED else 1
-    record = unit.record()
-    if record is not None and unit.status in (RUNNING, INTERRUPTED):
-        return run.resume(unit.config, unit.folder, record, quiet=True)
-    unit.folder.mkdir(parents=True, exist_ok=True)
-    if unit.composed is not None:
-        keep_composition(of_seed(unit.composed, unit.config.seed), unit.folder, unit.words)
-    return run.train(unit.config, unit.folder, unit.words, quiet=True)
+    make_folder(unit.folder)
+    with locked(unit.folder, wait=True):
+        status, record = unit.status, unit.record()
+        if status in FINAL:
+            return 0 if status == FINISHED else 1
+        if record is not None and status in (RUNNING, INTERRUPTED):
+            with suppress(RecordError):  # what was saved is damaged: it starts again
+                return run.resume(unit.config, unit.folder, record, quiet=True)
+        if unit.composed is not None:
+            keep_composition(of_seed(unit.composed, unit.config.seed), unit.folder, unit.words)
+        return run.train(unit.config, unit.folder, unit.words, quiet=True)
 
 
 def in_parallel(task: Callable[[Unit], Any], units: Sequence[Unit], jobs: int) -> Iterator[Any]:

@@ -19,6 +19,7 @@ from eigenode_cli.figures.style import (
     save,
     to_svg,
 )
+from eigenode_cli.files import make_folder
 from eigenode_cli.sweep.summary import Group
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def _draw_panel(ax: "Axes", values: Sequence[np.ndarray], quartiles: np.ndarray,
 def draw_summary(folder: Path, groups: Sequence[Group]) -> list[Path]:
     """Draw the figure into `plots/` of the sweep's folder as .png and .pdf, and give their paths."""
     plots = folder / "plots"
-    plots.mkdir(exist_ok=True)
+    make_folder(plots)
     paths = [plots / f"summary{suffix}" for suffix in (".png", ".pdf")]
     with house_style():
         figure = draw_sweep(sweep_numbers(groups))

@@ -3,6 +3,7 @@
 import gc
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -10,11 +11,15 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from eigenode_cli.config.compose import finalise, typed
+from eigenode_cli.config.composer import own_flags
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.console import Display
 from eigenode_cli.ending import FINAL, FINISHED, INTERRUPTED, RUNNING
+from eigenode_cli.files import WriteError, make_folder, write_text
+from eigenode_cli.lock import locked
+from eigenode_cli.runfile import RecordError
 from eigenode_cli.sweep.plan import read_plan
-from eigenode_cli.sweep.state import ERROR, locked, recorded
+from eigenode_cli.sweep.state import ERROR, recorded
 
 EXIT_INTERRUPTED = 130
 
@@ -27,7 +32,7 @@ def work(config: DictConfig) -> int:
     """
     job = HydraConfig.get()
     folder = Path(job.runtime.output_dir)
-    status = contained(folder, lambda: attempt(typed(finalise(config)), folder, job.overrides.task))
+    status = contained(folder, lambda: attempt(typed(finalise(config)), folder, [*own_flags(), *job.overrides.task]))
     _settle()
     if status == EXIT_INTERRUPTED:
         raise KeyboardInterrupt
@@ -70,14 +75,16 @@ def attempt(config: TrainConfig, folder: Path, words: Sequence[str], watch: Disp
 
     if not figures_chosen(words):
         config.trainer.figures = False
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder):
+    make_folder(folder)
+    with locked(folder, wait=True):
         state = recorded(folder)
         if state.status in FINAL:
             return 0 if state.status == FINISHED else 1
+        status = None
         if state.status in (INTERRUPTED, RUNNING):
-            status = run.resume(config, folder, state.record, quiet=True, watch=watch)
-        else:
+            with suppress(RecordError):  # what was saved is damaged: it starts again
+                status = run.resume(config, folder, state.record, quiet=True, watch=watch)
+        if status is None:
             status = run.train(config, folder, list(words), quiet=True, watch=watch)
         if status == 1:
             error = folder / ERROR
@@ -94,4 +101,5 @@ def keep_error(folder: Path, text: str) -> None:
     """Write error.txt: the command that repeats the run, then what went wrong."""
     sweep = read_plan(folder.parent)
     commands = [sweep.repeat(job) for job in sweep.jobs if job.name == folder.name]
-    (folder / ERROR).write_text("\n".join(["repeat it with:", *commands, "", text.strip(), ""]))
+    with suppress(WriteError):  # what the disk has no room for can't be told there
+        write_text(folder / ERROR, "\n".join(["repeat it with:", *commands, "", text.strip(), ""]))

@@ -4,8 +4,9 @@ import copy
 import json
 import re
 
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from omegaconf import DictConfig, flag_override
+
+from eigenode_cli.config.composer import Loader
 
 _SEED = re.compile(r"seed=(\d{1,18})")
 _SUBDIR = "hydra.sweep.subdir="
@@ -14,7 +15,7 @@ _composed: dict[tuple[str, ...], DictConfig] = {}
 """Of this process, by everything that a composition depends on: seconds of Hydra's work for each short run else."""
 
 
-class SweepLoader(ConfigLoaderImpl):
+class SweepLoader(Loader):
     """Hydra's loader, which launchers ask for the configuration of each run."""
 
     def load_sweep_config(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:

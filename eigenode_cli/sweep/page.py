@@ -9,6 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from eigenode_cli.console import minus
 from eigenode_cli.ending import FINISHED, UNSUCCESSFUL
+from eigenode_cli.files import write_text
 from eigenode_cli.report import number
 from eigenode_cli.sweep.figure import svg_of_sweep
 from eigenode_cli.sweep.plan import Sweep
@@ -28,7 +29,7 @@ def write_page(sweep: Sweep) -> Path:
         lstrip_blocks=True,
     )
     path = sweep.folder / "report.html"
-    path.write_text(environment.get_template("sweep.html.j2").render(page_content(sweep)), encoding="utf-8")
+    write_text(path, environment.get_template("sweep.html.j2").render(page_content(sweep)))
     return path
 
 

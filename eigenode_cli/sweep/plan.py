@@ -10,7 +10,7 @@ from pathlib import Path
 
 from eigenode_cli.config.sweep import Job
 from eigenode_cli.errors import UserError
-from eigenode_cli.files import write_json
+from eigenode_cli.files import make_folder, write_json
 from eigenode_cli.paths import OUTPUTS
 
 PLAN = "sweep.json"
@@ -71,7 +71,7 @@ def quoted(key: str, text: str) -> str:
 
 def write_plan(sweep: Sweep) -> None:
     """Write `sweep.json`, before the first run starts."""
-    sweep.folder.mkdir(parents=True, exist_ok=True)
+    make_folder(sweep.folder)
     write_json(sweep.folder / PLAN, {"command": sweep.command, **_plain(sweep)})
 
 

@@ -47,7 +47,7 @@ def repeat(sweep: Sweep, pending: Sequence[Job], config: DictConfig, threads: in
     def run(job: Job) -> None:
         if not stop.is_set():
             folder = sweep.place(job)
-            contained(folder, lambda: attempt(configs[job], folder, job.overrides, _Stoppable(stop)))
+            contained(folder, lambda: attempt(configs[job], folder, [*sweep.flags, *job.overrides], _Stoppable(stop)))
 
     seeds = {job: config.seed + index for index, job in enumerate(sweep.jobs)}
     configs = {job: typed(settings_of(config, seeds[job])) for job in pending}

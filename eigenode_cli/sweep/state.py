@@ -1,17 +1,14 @@
 """How far each run of a sweep is: read from its folder, whoever runs it, on whatever machine."""
 
-import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
+from eigenode_cli.lock import held
+from eigenode_cli.runfile import RUN, NewerError, RecordError, read_record
 
 WAITING = "waiting"
 """Of a run that was not started yet; the other statuses are those of run.json."""
-LOCK = ".lock"
 ERROR = "error.txt"
 
 
@@ -28,20 +25,23 @@ class State:
 def read_state(folder: Path) -> State:
     """The state of the run in `folder`; one whose process was killed counts as interrupted."""
     state = recorded(folder)
-    if state.status == "running" and not _held(folder):
+    if state.status == "running" and not held(folder):
         return State("interrupted", state.record, "the process was killed")
     return state
 
 
 def recorded(folder: Path) -> State:
     """The state that the files in `folder` tell; of a killed process they tell that it is running."""
-    try:
-        record = json.loads((folder / "run.json").read_text())
-    except FileNotFoundError:
+    if not (folder / RUN).exists():
         return _without_record(folder)
-    except json.JSONDecodeError:  # not written by a run: those are there whole or not at all
+    try:
+        record = read_record(folder)
+    except NewerError:  # what a newer version has done is not written over
+        raise
+    except RecordError:  # not written by a run: those are there whole or not at all
         return State(WAITING)
-    return State(record["status"], record, record["error"] or "")
+    status = record.get("status")
+    return State(status, record, record.get("error") or "") if isinstance(status, str) else State(WAITING)
 
 
 def _without_record(folder: Path) -> State:
@@ -57,19 +57,3 @@ def forget_failure(folder: Path) -> None:
     """Let a failed run count as not started: it is about to be run again."""
     for name in ("run.json", ERROR):
         (folder / name).unlink(missing_ok=True)
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Wait until no other process works in `folder`, and keep others out meanwhile; a kill frees it too."""
-    with FileLock(folder / LOCK):
-        yield
-
-
-def _held(folder: Path) -> bool:
-    """Whether a process works in `folder`."""
-    try:
-        with FileLock(folder / LOCK, blocking=False):
-            return False
-    except Timeout:
-        return True

@@ -48,7 +48,8 @@ def test_the_model_is_drawn_where_there_is_one(runs: dict[str, Run], name: str) 
 
 def test_draw_run_writes_every_figure_twice(tmp_path: Path) -> None:
     folder = fake_run.write_single_record(tmp_path / "run")
-    paths = draw_run(folder)
+    paths, faults = draw_run(folder)
+    assert faults == []
     assert paths == [folder / "plots" / f"{name}{suffix}" for name in FIGURES for suffix in (".png", ".pdf")]
     assert all(path.read_bytes()[:4] == (b"%PDF" if path.suffix == ".pdf" else b"\x89PNG") for path in paths)
 

@@ -1,0 +1,37 @@
+"""Settings without classes, from a file, as nodes of the schema."""
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+from omegaconf import DictConfig, OmegaConf, open_dict
+
+from eigenode_cli.config.schema import SCHEMAS, TrainConfig
+
+
+def structured(config: DictConfig) -> DictConfig:
+    """The same settings with the types and checks of the schema; `hydra` stays as it is.
+
+    A group's class is the one whose options are most like those that are there.
+
+    Raises:
+        OmegaConfBaseException: a setting that the schema does not have, or one of another type.
+    """
+    if OmegaConf.get_type(config) is TrainConfig:
+        return config
+    hydra = config._get_node("hydra") if "hydra" in config else None
+    settings = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
+    ground = OmegaConf.structured(TrainConfig)
+    for group, schemas in SCHEMAS.items():
+        node = settings._get_node(group) if group in settings else None
+        if isinstance(node, DictConfig) and not node._is_none():
+            ground[group] = OmegaConf.structured(_nearest(node, list(schemas.values())))
+    merged = cast(DictConfig, OmegaConf.merge(ground, settings))
+    if hydra is not None:
+        with open_dict(merged):
+            merged["hydra"] = hydra
+    return merged
+
+
+def _nearest(values: Mapping[Any, Any], schemas: list[type[Any]]) -> type[Any]:
+    """The class with the fewest options that are missing in `values` or not known to it."""
+    return min(schemas, key=lambda schema: len(set(schema.__dataclass_fields__) ^ set(values)))
