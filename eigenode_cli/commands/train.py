@@ -107,7 +107,7 @@ def _check(args: argparse.Namespace, composer: Composer) -> _Checked:
     hydra_words = [word for word in args.overrides if is_hydras(word)]
     if missing := launcher_faults(hydra_words):
         raise UserError(missing)
-    found = examine(composer, hydra_words if args.multirun else args.overrides)
+    found = examine(composer, hydra_words if args.multirun else args.overrides, ground=args.multirun)
     sweep = args.multirun or (found.config is not None and found.config.hydra.mode == RunMode.MULTIRUN)
     if sweep and found.config is not None:
         swept = examine_sweep(composer, found.config, args.overrides)
