@@ -118,7 +118,7 @@ def _check(args: argparse.Namespace, composer: Composer) -> _Checked:
     """Check the whole command line, every run of a sweep included."""
     hydra_words = [word for word in args.overrides if is_hydras(word)]
     _refuse(launcher_faults(hydra_words))
-    found = examine(composer, hydra_words if args.multirun else args.overrides)
+    found = examine(composer, hydra_words if args.multirun else args.overrides, ground=args.multirun)
     sweep = args.multirun or (found.config is not None and found.config.hydra.mode == RunMode.MULTIRUN)
     if sweep and found.config is not None:
         _refuse(sweeper_faults(found.config))

@@ -97,8 +97,8 @@ def parse(composer: Composer, words: Sequence[str]) -> tuple[list[Override], lis
     return overrides, faults
 
 
-def examine(composer: Composer, words: Sequence[str]) -> Examined:
-    """Check the words of one run."""
+def examine(composer: Composer, words: Sequence[str], ground: bool = False) -> Examined:
+    """Check the words of one run, or those that are the `ground` of a sweep, whose runs are still to be checked."""
     overrides, faults = parse(composer, words)
     single = []
     for override in overrides:
@@ -108,7 +108,7 @@ def examine(composer: Composer, words: Sequence[str]) -> Examined:
             single.append(override)
     found = examine_overrides(composer, single)
     found.faults[:0] = faults
-    if not (found.faults or found.useless):
+    if not (ground or found.faults or found.useless):
         found.faults += without_effect(found)
     return found
 

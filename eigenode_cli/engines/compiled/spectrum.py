@@ -143,8 +143,10 @@ def take_closed_forms(eigen, m, columns, count, rows, at, counted, vectors):
         spectra[4 * t + 2], spectra[4 * t + 3] = mean - across, 0.0 - along
         stiff += int(abs(abs(mean) - across) < STIFF * (abs(mean) + across))
         # `rounding_level` of two states: balancing makes |b| and |c| equal, unless one of them is zero
-        apart, middle = 2.0 * abs(b * c) if b * c != 0.0 else b * b + c * c, mean * per_unit
-        levels[t] = ROUNDING * unit * np.sqrt(2.0 * (middle * middle + delta * delta) + apart)
+        whole, per_whole = _power_of_two(max(unit, abs(mean)))
+        middle, rest = mean * per_whole, unit * per_whole
+        apart = 2.0 * abs(b * c) if b * c != 0.0 else b * b + c * c
+        levels[t] = ROUNDING * whole * np.sqrt(2.0 * middle * middle + rest * rest * (2.0 * delta * delta + apart))
         if vectors:
             # real roots: |delta + root|^2 + |delta - root|^2 is the same
             norm = np.sqrt(2.0 * (delta * delta + size * size) + b * b + c * c)
