@@ -10,7 +10,7 @@ def usable_cores() -> int:
     the machine count.
     """
     if hasattr(os, "process_cpu_count"):
-        return os.process_cpu_count() or 1
+        return os.process_cpu_count() or 1  # pyright: ignore[reportAttributeAccessIssue]  # not in Python 3.11
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -177,7 +177,7 @@ def keep_composition(config: DictConfig, folder: Path, words: Sequence[str]) -> 
     place = folder / config.hydra.output_subdir
     _save_config(settings, "config.yaml", place)
     _save_config(OmegaConf.create({"hydra": hydra}), "hydra.yaml", place)
-    _save_config(hydra.overrides.task, "overrides.yaml", place)
+    _save_config(OmegaConf.select(hydra, "overrides.task"), "overrides.yaml", place)
 
 
 @contextmanager
