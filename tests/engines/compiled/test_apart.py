@@ -17,7 +17,10 @@ from eigenode_cli.engines.compiled import kernel
 from eigenode_cli.engines.compiled.apart import compile_apart
 from eigenode_cli.engines.compiled.cached import is_ready
 from eigenode_cli.engines.compiled.engine import CompiledEngine
+from eigenode_cli.jit import PLAIN
 from tests.engines.compiled import oracle
+
+pytestmark = pytest.mark.skipif(PLAIN, reason="plain Python compiles nothing")
 
 MEGABYTES = 700
 """More than this no process of a run may ever take."""
