@@ -1,7 +1,5 @@
 """What keeps a configuration from the compiled engine. Light: the command line is checked with it."""
 
-import os
-
 from eigenode_cli.config.schema import TrainConfig
 
 SOLVERS = ("tsit5", "dopri5", "rk4")
@@ -16,6 +14,4 @@ def obstacle(config: TrainConfig) -> str | None:
         return f"solver={config.solver.name} (it knows {', '.join(SOLVERS)})"
     if config.eigen.jacobian == "finite_difference":
         return "eigen.jacobian=finite_difference (its Jacobian is exact)"
-    if os.environ.get("NUMBA_DISABLE_JIT", "0").strip() not in ("", "0"):
-        return "compiler where NUMBA_DISABLE_JIT is set"
     return None
