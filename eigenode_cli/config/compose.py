@@ -9,6 +9,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.composer import Composer, explain, hydra_values
 from eigenode_cli.config.examine import Examined, examine, normalise
+from eigenode_cli.config.plugins import GROUPS, PluginError, schema_of, typify
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 from eigenode_cli.errors import UserError
 from eigenode_cli.terms import canonical, split_grads
@@ -28,23 +29,30 @@ def finalise(config: DictConfig) -> DictConfig:
 
 def typed(config: DictConfig) -> TrainConfig:
     """The configuration as plain typed objects, the class of each group's node by what was chosen."""
-    return cast(TrainConfig, OmegaConf.to_object(config))
+    if faults := typify(config):
+        raise UserError(faults)
+    return TrainConfig(**vars(OmegaConf.to_object(config)))
 
 
 def restore(record: dict[str, Any]) -> TrainConfig:
-    """The configuration that a run's `run.json` holds; a group's class is the one with exactly its options.
+    """The configuration that a run's `run.json` holds; the class of a group's node follows from its target or name.
 
     Raises:
         UserError: the record was written by another version of the schema.
     """
     config = OmegaConf.structured(TrainConfig)
+    group, values = "config", {}
     try:
         for group, values in record.items():
-            schemas = SCHEMAS.get(group, {}).values()
-            schema = next((s for s in schemas if set(s.__dataclass_fields__) == set(values)), None)
-            if schema is not None:
-                config[group] = OmegaConf.structured(schema)
+            if group in GROUPS:
+                config[group] = OmegaConf.structured(schema_of(group, values["target"]))
+            elif group in SCHEMAS:
+                config[group] = OmegaConf.structured(SCHEMAS[group][values["name"]])
         return typed(cast(DictConfig, OmegaConf.merge(config, record)))
+    except (KeyError, TypeError) as error:
+        raise UserError(f"run.json: not a configuration of this version: {group} has no {error}") from error
+    except PluginError as error:
+        raise UserError(f"run.json: {group}.target={values['target']}: {error}") from error
     except OmegaConfBaseException as error:
         raise UserError(f"run.json: not a configuration of this version: {explain(error)}") from error
 

@@ -8,6 +8,7 @@ import copy
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, make_dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from hydra.types import RunMode, TaskFunction
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from eigenode_cli.config.plugins import GROUPS
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 from eigenode_cli.errors import UserError
 from eigenode_cli.paths import CONFIG_DIR
@@ -39,7 +41,9 @@ DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine", "proto
 
 def _register() -> None:
     store = ConfigStore.instance()
-    store.store(name="train_schema", node=TrainConfig)
+    # a choice may name a class of the user's, whose options are known only once it is imported: `plugins.typify`
+    entries = [(entry.name, Any if entry.name in GROUPS else entry.type, entry) for entry in fields(TrainConfig)]
+    store.store(name="train_schema", node=make_dataclass("TrainSchema", entries))
     for group, schemas in SCHEMAS.items():
         for name, schema in schemas.items():
             store.store(group=f"schema/{group}", name=name, node=schema)

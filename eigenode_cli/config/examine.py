@@ -16,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
 from eigenode_cli.config.composer import DIFFERENCES, Composer, explain, hydra_values
+from eigenode_cli.config.plugins import CUSTOM, GROUPS, config_choice, expanded, no_option, typify, unresolved
 from eigenode_cli.config.useless import useless_options
 from eigenode_cli.config.values import value_faults
 from eigenode_cli.errors import UserError, nearest, unknown
@@ -54,9 +55,10 @@ def normalise(words: Sequence[str]) -> list[str]:
     """The words as Hydra is to get them.
 
     Known terms in `grads` stand in canonical order, so that folders of a sweep are named by it. What adds the user's
-    own terms or their scales has the form that Hydra accepts for new keys.
+    own terms or their scales has the form that Hydra accepts for new keys. A class that is named in place of a choice
+    becomes the choice `custom` and its target.
     """
-    return [_normal(word) for word in words]
+    return expanded(_normal(word) for word in words)
 
 
 def _normal(word: str) -> str:
@@ -115,8 +117,13 @@ def examine_overrides(composer: Composer, overrides: Sequence[Override]) -> Exam
         config = composer.composed(tuple(ground))
     except UserError as error:
         return Examined(None, [*faults, *(_absent_groups(composer, overrides, paths) or error.faults)])
+    targets = [override for override in values if _is_target(override)]
     with hydra_values(config):
-        faults += [fault for override in values if (fault := _apply(config, override))]
+        faults += [fault for override in targets if (fault := _apply(config, override))]
+        faults += typify(config)
+        open_groups = unresolved(config)  # why is said; which options they have is not known
+        others = [o for o in values if o not in targets and _key(o).partition(".")[0] not in open_groups]
+        faults += [fault for override in others if (fault := _apply(config, override))]
     return _examine_config(config, values, faults)
 
 
@@ -132,6 +139,12 @@ def _examine_config(config: DictConfig, values: Sequence[Override], faults: list
     wrong = value_faults(resolved)
     useless = {} if wrong or faults else useless_options(resolved, [*_typed_keys(values)])
     return Examined(config, [*faults, *wrong], useless)
+
+
+def _is_target(override: Override) -> bool:
+    """Whether it names the class of a choice, which decides about the options that there are."""
+    group, _, last = override.get_key_element().rpartition(".")
+    return last == "target" and group in GROUPS
 
 
 def _choice_fault(composer: Composer, override: Override, paths: list[str]) -> str | None:
@@ -184,7 +197,8 @@ def _refusal(config: DictConfig, override: Override) -> str | None:
     """Why an override may not be applied at all, whatever its value."""
     key, value = _key(override), override.value()
     group, _, last = key.rpartition(".")
-    if last in ("name", "dynamics") and group in config.hydra.runtime.choices:
+    fixed = last == "name" or (last == "target" and config_choice(config, group) != CUSTOM)
+    if fixed and group in config.hydra.runtime.choices:
         return f"follows from the choice; write {group}=..."
     try:
         present = OmegaConf.select(config, key, throw_on_missing=False) is not None
@@ -201,11 +215,7 @@ def _unknown_key(config: DictConfig, key: str) -> str:
     group, _, last = key.rpartition(".")
     choices = config.hydra.runtime.choices
     if group in choices and OmegaConf.is_dict(config[group]):
-        options = [name for name in config[group] if name not in ("name", "dynamics")]
-        guess = nearest(last, options)
-        hint = f", did you mean {group}.{guess}?" if guess else ""
-        has = ", ".join(options) or "none"
-        return f"{choices[group]} has no option '{last}'{hint} (it has: {has})"
+        return no_option(config, group, last, map(str, config[group]))
     keys = list(_keys(config)) if key.startswith("hydra") else [k for k in _keys(config) if not k.startswith("hydra")]
     same = [k for k in keys if k.rpartition(".")[2] == last]
     guess = same[0] if same else nearest(key, keys) or _by_last_part(last, keys)
