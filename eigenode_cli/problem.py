@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.config.schema import SolverConfig
 from eigenode_cli.data import Data, Floats, Targets
+from eigenode_cli.solve.settings import Solver
 
 REACH = 10.0
 """A failed solve stabilises with the states that it reached within this multiple of the data's range. Farther out the
@@ -43,7 +43,7 @@ class Problem:
     margin: float
     max_condition: float
     jacobian: str
-    solver: SolverConfig
+    solver: Solver
     stabilise: bool
     solved: bool = True
 

@@ -20,6 +20,7 @@ from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
 from eigenode_cli.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST
+from eigenode_cli.config.build import build_field, build_solver, build_system
 from eigenode_cli.config.schema import (
     CombineConfig,
     SequentialConfig,
@@ -32,7 +33,7 @@ from eigenode_cli.data import Data, Floats, Targets
 from eigenode_cli.ending import DIVERGED, FAILED, FINISHED, INTERRUPTED, STALLED, Ending
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
-from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
+from eigenode_cli.field import VectorField, flat_parameters, load_flat
 from eigenode_cli.files import Reserve, WriteError, write_text
 from eigenode_cli.lock import locked
 from eigenode_cli.optimizer import build_optimizer
@@ -43,7 +44,7 @@ from eigenode_cli.reference import reference_solution, sample, stated_targets, t
 from eigenode_cli.resumption import check_saved
 from eigenode_cli.runfile import VERSION, resume_command
 from eigenode_cli.stages import build_stages
-from eigenode_cli.systems import SYSTEMS, System
+from eigenode_cli.systems import System
 from eigenode_cli.terms import NAMES, canonical, split_grads, training_terms
 from eigenode_cli.terms.errors import ERRORS, error_value
 from eigenode_cli.terms.user import TermFailed, load_user_terms
@@ -91,7 +92,7 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     """
     torch.set_num_threads(1)  # the matrices are small, and a launcher's setting must not change a result
     torch.manual_seed(config.seed)
-    system: System = SYSTEMS[config.system.dynamics](config.system)
+    system = build_system(config.system)
     start = np.array(config.system.initial_state, dtype=np.float64)
     truth = sample(system, start, config.system.horizon, config.system.points, config.system.observed)
     data = with_noise(truth, config.system.noise, config.seed)
@@ -106,7 +107,7 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
         margin=config.eigen.margin,
         max_condition=config.eigen.max_condition,
         jacobian=config.eigen.jacobian,
-        solver=config.solver,
+        solver=build_solver(config.solver),
         stabilise=config.trainer.on_unsolvable == "stabilise",
     )
     field = build_field(config.network, truth.states, system.dynamics(truth.states), config.seed)

@@ -7,17 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from eigenode_cli.config.schema import (
-    AdaptiveSolverConfig,
-    MlpConfig,
-    OscillatorConfig,
-    SolverConfig,
-    VanDerPolConfig,
-)
-from eigenode_cli.field import VectorField, build_field
+from eigenode_cli.config.build import build_field
+from eigenode_cli.config.schema import MlpConfig
+from eigenode_cli.field import VectorField
 from eigenode_cli.problem import Problem
 from eigenode_cli.reference import sample, truth_targets
-from eigenode_cli.systems import SYSTEMS, System
+from eigenode_cli.solve.settings import AdaptiveSolver, Solver
+from eigenode_cli.systems import Oscillator, System, VanDerPol
 from eigenode_cli.terms import NAMES
 
 
@@ -62,7 +58,7 @@ class Case:
             "margin": 0.0,
             "max_condition": 1e4,
             "jacobian": "autodiff",
-            "solver": AdaptiveSolverConfig(name="tsit5", rtol=1e-3, atol=1e-6, max_steps=10_000),
+            "solver": AdaptiveSolver(name="tsit5", rtol=1e-3, atol=1e-6, max_steps=10_000),
             "stabilise": True,
         }
         return Problem(**(options | changes))  # type: ignore[arg-type]
@@ -70,6 +66,7 @@ class Case:
     def field(self, seed: int = 0, **changes: object) -> VectorField:
         options: dict[str, object] = {
             "name": "mlp",
+            "target": "eigenode_cli.field:Mlp",
             "structure": "second_order",
             "hidden": [32],
             "activation": "tanh",
@@ -84,11 +81,11 @@ class Case:
 
 def make_case(name: str) -> Case:
     if name == "vdp":
-        return Case(name, SYSTEMS["vdp"](VanDerPolConfig(mu=2.0)), [2.0, 0.0], 30.0, 91)
+        return Case(name, VanDerPol(mu=2.0), [2.0, 0.0], 30.0, 91)
     if name == "sparse_oscillator":
-        system = SYSTEMS["oscillator"](OscillatorConfig(c=(2.0 * np.pi) ** 2, d=0.5, m=1.0))
+        system = Oscillator(c=(2.0 * np.pi) ** 2, d=0.5)
         return Case(name, system, [1.0, 0.0], 9.75, 14)
-    system = SYSTEMS["oscillator"](OscillatorConfig(c=25.0, d=0.05, m=1.0))
+    system = Oscillator()
     return Case(name, system, [1.0, 0.0], 10.0, 101)
 
 
@@ -98,6 +95,6 @@ def case(request: pytest.FixtureRequest) -> Case:
     return make_case(request.param)
 
 
-def solver(name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000) -> SolverConfig:
+def solver(name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000) -> Solver:
     """An adaptive solver's configuration."""
-    return AdaptiveSolverConfig(name=name, rtol=rtol, atol=atol, max_steps=max_steps)
+    return AdaptiveSolver(name=name, rtol=rtol, atol=atol, max_steps=max_steps)

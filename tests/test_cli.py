@@ -152,7 +152,7 @@ def test_own_configs_and_own_code(runs: Runs, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (["--cfg", "job"], "  name: vdp\n  dynamics: vdp"),
+        (["--cfg", "job"], "  name: vdp\n  target: eigenode_cli.systems:VanDerPol"),
         (["--cfg", "job", "--resolve", "system=sparse_oscillator", "-p", "system"], "name: sparse_oscillator"),
         (["system=oscillator", "--cfg", "job", "seed=5"], "seed: 5"),
         (["--info", "searchpath"], str(ROOT / "configs")),
@@ -264,7 +264,7 @@ def test_plot_and_report_print_what_they_wrote(
     ("line", "offered"),
     [
         ("eigenode tr", "train reproduce resume plot report bench list validate"),
-        ("eigenode train system=", "system=oscillator system=sparse_oscillator system=vdp"),
+        ("eigenode train system=", "system=custom system=oscillator system=sparse_oscillator system=vdp"),
         ("eigenode train scale.s", "scale.sol= scale.stb= scale.stf="),
         ("eigenode plot ", ""),
     ],

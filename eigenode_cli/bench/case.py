@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import torch
 
 from eigenode_cli.bench import RECIPES
 from eigenode_cli.config.compose import compose, typed
-from eigenode_cli.config.schema import AdaptiveSolverConfig, MlpConfig, TrainConfig
+from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.data import Data, Floats
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
@@ -17,6 +16,7 @@ from eigenode_cli.field import VectorField, load_flat
 from eigenode_cli.field.mlp import Mlp
 from eigenode_cli.problem import Problem
 from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.solve.settings import AdaptiveSolver
 
 RTOL, ATOL = 1e-3, 1e-6
 """Tolerances of every solve that is timed: the paper's."""
@@ -42,10 +42,10 @@ class Case:
     theta: Floats
 
     @property
-    def solver(self) -> AdaptiveSolverConfig:
+    def solver(self) -> AdaptiveSolver:
         """Method and tolerances."""
         solver = self.problem.solver
-        if not isinstance(solver, AdaptiveSolverConfig):
+        if not isinstance(solver, AdaptiveSolver):
             raise ValueError(f"solver={solver.name}: peers are compared with adaptive steps")
         return solver
 
@@ -94,16 +94,7 @@ def shape_of(field: VectorField) -> MlpShape:
 def torch_field(case: Case) -> VectorField:
     """The vector field of a case as a torch module, at its weights."""
     sizes = case.shape.sizes
-    config = MlpConfig(
-        name="mlp",
-        structure=case.shape.structure,
-        hidden=list(sizes[1:-1]),
-        activation=case.shape.activation,
-        init="glorot",
-        input_scaling="none",
-        output_scaling="none",
-    )
-    network = Mlp(config, sizes[0], sizes[-1], None, None, torch.Generator())
+    network = Mlp(sizes[0], sizes[1:-1], sizes[-1], case.shape.activation)
     field = VectorField(network, case.shape.structure)
     load_flat(field, case.theta)
     return field
@@ -129,7 +120,7 @@ def oscillating(n: int, hidden: Sequence[int], horizon: float, points: int, term
     pairs = min(n, *hidden) // 2
     times = np.linspace(0.0, horizon, points)
     blank = Data(times, np.tile(_start(n, generator), (points, 1)), np.ones((points, n), dtype=np.bool_))
-    solver = AdaptiveSolverConfig(name="tsit5", rtol=RTOL, atol=ATOL, max_steps=MAX_STEPS)
+    solver = AdaptiveSolver(name="tsit5", rtol=RTOL, atol=ATOL, max_steps=MAX_STEPS)
     spectra = np.tile(_spectrum(pairs, n), (points, 1))
     problem = Problem(
         data=blank,

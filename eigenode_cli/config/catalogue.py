@@ -7,12 +7,28 @@ from typing import get_type_hints
 
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.config.examine import examine
+from eigenode_cli.config.plugins import CUSTOM
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.errors import UserError, unknown
 from eigenode_cli.paths import CONFIG_DIR
 from eigenode_cli.terms import TERMS
 
-COMPANIONS = {"target=stated": ("target.frequency=[1.0]", "target.damping=[0.1]")}
+COMPANIONS = {
+    "target=stated": ("target.frequency=[1.0]", "target.damping=[0.1]"),
+    "system=custom": (
+        "system.target=eigenode_cli.systems:VanDerPol",
+        "system.mu=1.0",
+        "system.initial_state=[1.0,0.0]",
+        "system.horizon=1.0",
+        "system.points=11",
+        "system.observed=[nu]",
+    ),
+    "network=custom": (
+        "network.target=eigenode_cli.field:Polynomial",
+        "network.degree=1",
+        "network.spread=0.1",
+    ),
+}
 """What a choice asks the user for in addition."""
 
 
@@ -96,4 +112,5 @@ def _combinations(composer: Composer) -> Iterator[tuple[str, ...]]:
             yield (f"{group}={name}", *COMPANIONS.get(f"{group}={name}", ()))
     for protocol in composer.choices("protocol"):
         for system in composer.choices("system"):
-            yield (f"protocol={protocol}", f"system={system}")
+            if system != CUSTOM:
+                yield (f"protocol={protocol}", f"system={system}")

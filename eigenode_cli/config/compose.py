@@ -2,16 +2,18 @@
 
 import copy
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.composer import Composer, explain, hydra_values
 from eigenode_cli.config.examine import Examined, examine, normalise
+from eigenode_cli.config.plugins import typify
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.structure import structured
 from eigenode_cli.config.values import value_faults
+from eigenode_cli.errors import UserError
 from eigenode_cli.runfile import RUN, RecordError
 from eigenode_cli.terms import canonical, split_grads
 
@@ -30,7 +32,10 @@ def finalise(config: DictConfig) -> DictConfig:
 
 def typed(config: DictConfig) -> TrainConfig:
     """The configuration as plain typed objects, the class of each group's node by what was chosen."""
-    return cast(TrainConfig, OmegaConf.to_object(structured(config)))
+    settings = structured(config)
+    if faults := typify(settings):
+        raise UserError(faults)
+    return TrainConfig(**vars(OmegaConf.to_object(settings)))
 
 
 def restore(record: dict[str, Any]) -> TrainConfig:
@@ -42,7 +47,7 @@ def restore(record: dict[str, Any]) -> TrainConfig:
     try:
         config = structured(OmegaConf.create(record))
         OmegaConf.resolve(config)
-        faults = value_faults(config)
+        faults = [*typify(config), *value_faults(config)]
     except (OmegaConfBaseException, ValueError) as error:
         key = getattr(error, "full_key", None)
         place = f"config.{key}" if key else "config"

@@ -28,8 +28,8 @@ from hydra.types import RunMode, TaskFunction
 from omegaconf import DictConfig, OmegaConf, flag_override
 from omegaconf.errors import OmegaConfBaseException
 
-from eigenode_cli.config.schema import SCHEMAS, TrainConfig
-from eigenode_cli.config.structure import structured
+from eigenode_cli.config.schema import SCHEMAS
+from eigenode_cli.config.structure import Composed, structured
 from eigenode_cli.errors import UserError
 from eigenode_cli.paths import CONFIG_DIR
 
@@ -53,7 +53,7 @@ DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine", "proto
 
 def _register() -> None:
     store = ConfigStore.instance()
-    store.store(name="train_schema", node=TrainConfig)
+    store.store(name="train_schema", node=Composed)
     for group, schemas in SCHEMAS.items():
         for name, schema in schemas.items():
             store.store(group=f"schema/{group}", name=name, node=schema)
@@ -82,7 +82,7 @@ class Loader(ConfigLoaderImpl):
             validate_sweep_overrides=validate_sweep_overrides,
         )
         config = load(overrides)
-        if OmegaConf.get_type(config) is TrainConfig:
+        if OmegaConf.get_type(config) is Composed:
             return config
         chosen = {word.partition("=")[0].lstrip("+") for word in overrides}
         return structured(load([*(f"{key}={value}" for key, value in OURS.items() if key not in chosen), *overrides]))

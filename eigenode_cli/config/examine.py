@@ -17,27 +17,12 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBase
 
 from eigenode_cli.config.composer import DIFFERENCES, Composer, explain, hydra_values
 from eigenode_cli.config.ineffective import target_faults
+from eigenode_cli.config.plugins import ALIASES, CUSTOM, GROUPS, config_choice, expanded, no_option, typify, unresolved
 from eigenode_cli.config.useless import useless_options
 from eigenode_cli.config.values import value_faults
 from eigenode_cli.errors import UserError, nearest, unknown
 from eigenode_cli.terms import NAMES, canonical, split_grads
 
-ALIASES = {
-    "learning_rate": "lr",
-    "step_size": "lr",
-    "epochs": "steps",
-    "iterations": "steps",
-    "max_iter": "steps",
-    "tol": "rtol",
-    "relative_tolerance": "rtol",
-    "absolute_tolerance": "atol",
-    "layers": "hidden",
-    "width": "hidden",
-    "random_seed": "seed",
-    "loss": "grads",
-    "terms": "grads",
-}
-"""Names that other programs have for a setting."""
 TYPES = {"Integer": "a whole number", "Float": "a number", "bool": "true or false"}
 
 
@@ -71,9 +56,10 @@ def normalise(words: Sequence[str]) -> list[str]:
     """The words as Hydra is to get them.
 
     Known terms in `grads` stand in canonical order, so that folders of a sweep are named by it. What adds the user's
-    own terms or their scales has the form that Hydra accepts for new keys.
+    own terms or their scales has the form that Hydra accepts for new keys. A class that is named in place of a choice
+    becomes the choice `custom` and its target.
     """
-    return [_normal(word) for word in words]
+    return expanded(_normal(word) for word in words)
 
 
 def _normal(word: str) -> str:
@@ -141,8 +127,13 @@ def examine_overrides(composer: Composer, overrides: Sequence[Override]) -> Exam
     except UserError as error:
         return Examined(None, [*faults, *(_absent_groups(composer, overrides, paths) or error.faults)])
     values.sort(key=lambda override: not _key(override).startswith("terms"))  # the names that other settings may have
+    targets = [override for override in values if _is_target(override)]
     with hydra_values(config):
-        faults += [fault for override in values if (fault := _apply(config, override))]
+        faults += [fault for override in targets if (fault := _apply(config, override))]
+        faults += typify(config)
+        open_groups = unresolved(config)  # why is said; which options they have is not known
+        others = [o for o in values if o not in targets and _key(o).partition(".")[0] not in open_groups]
+        faults += [fault for override in others if (fault := _apply(config, override))]
     return _examine_config(config, values, faults)
 
 
@@ -164,6 +155,12 @@ def _resolved(config: DictConfig) -> DictConfig:
         del resolved["hydra"]
         OmegaConf.resolve(resolved)
     return resolved
+
+
+def _is_target(override: Override) -> bool:
+    """Whether it names the class of a choice, which decides about the options that there are."""
+    group, _, last = override.get_key_element().rpartition(".")
+    return last == "target" and group in GROUPS
 
 
 def _choice_fault(composer: Composer, override: Override, paths: list[str]) -> str | None:
@@ -216,7 +213,8 @@ def _refusal(config: DictConfig, override: Override) -> str | None:
     """Why an override may not be applied at all, whatever its value."""
     key, value = _key(override), override.value()
     group, _, last = key.rpartition(".")
-    if last in ("name", "dynamics") and group in config.hydra.runtime.choices:
+    fixed = last == "name" or (last == "target" and config_choice(config, group) != CUSTOM)
+    if fixed and group in config.hydra.runtime.choices:
         return f"follows from the choice; write {group}=..."
     if group == "error" and last in config.terms and last not in config.error:
         return (
@@ -237,12 +235,7 @@ def _unknown_key(config: DictConfig, key: str) -> str:
     group, _, last = key.rpartition(".")
     choices = config.hydra.runtime.choices
     if group in choices and OmegaConf.is_dict(config[group]):
-        options = [name for name in config[group] if name not in ("name", "dynamics")]
-        alias = ALIASES.get(last.lower())
-        guess = alias if alias in options else nearest(last, options)
-        hint = f", did you mean {group}.{guess}?" if guess else ""
-        has = ", ".join(options) or "none"
-        return f"{choices[group]} has no option '{last}'{hint} (it has: {has})"
+        return no_option(config, group, last, map(str, config[group]))
     keys = list(_keys(config)) if key.startswith("hydra") else [k for k in _keys(config) if not k.startswith("hydra")]
     same = [k for k in keys if k.rpartition(".")[2] in (last, ALIASES.get(last.lower()))]
     guess = same[0] if same else nearest(key, keys) or _by_last_part(last, keys)

@@ -19,8 +19,8 @@ class SystemConfig:
 
     name: str = MISSING
     """The choice that `system=` made: what folders, files and figures show."""
-    dynamics: str = MISSING
-    """Registered system (see `eigenode_cli.systems`)."""
+    target: str = MISSING
+    """The class, `module:Class`; its constructor takes the options that are not here."""
     initial_state: list[float] = MISSING
     """State at time 0, one value a state."""
     horizon: float = option(above=0)
@@ -59,6 +59,8 @@ class NetworkConfig:
     """The learned part of the vector field."""
 
     name: str = MISSING
+    target: str = MISSING
+    """The class, `module:Class`; its constructor takes the options that are not here."""
     structure: str = option(choices=names.STRUCTURES)
     """How the network's output becomes dx/dt: second_order | full."""
 
@@ -296,13 +298,16 @@ class TrainConfig:
     """Runs side by side that differ in the seed alone: `seed` and those that follow it."""
 
 
+ADAPTIVE = ("tsit5", "dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
+FIXED = ("rk4", "euler", "midpoint", "heun3")
+
 SCHEMAS: dict[str, dict[str, type]] = {
     "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig},
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
-    "solver": {"adaptive": AdaptiveSolverConfig, "fixed": FixedSolverConfig},
+    "solver": dict.fromkeys(ADAPTIVE, AdaptiveSolverConfig) | dict.fromkeys(FIXED, FixedSolverConfig),
     "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "sgd": SgdConfig},
-    "combine": {"plain": CombineConfig, "sequential": SequentialConfig},
-    "engine": {"plain": EngineConfig, "compiled": CompiledEngineConfig},
+    "combine": {"sequential": SequentialConfig} | dict.fromkeys(("sum", "mean", "switch", "mix"), CombineConfig),
+    "engine": {"auto": EngineConfig, "torch": EngineConfig, "compiled": CompiledEngineConfig},
     "target": {"truth": TruthTargetConfig, "stated": StatedTargetConfig},
 }
-"""Schemas of each group's choices, registered with Hydra as `schema/<group>/<name>`."""
+"""Schema of each shipped choice, registered with Hydra as `schema/<group>/<choice>`."""

@@ -16,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from eigenode_cli.config.compose import finalise
 from eigenode_cli.config.composer import Composer, hydra_values
 from eigenode_cli.config.examine import Examined, examine_overrides, parse, without_effect
+from eigenode_cli.config.plugins import expanded
 from eigenode_cli.paths import slug
 
 Words = tuple[str, ...]
@@ -67,7 +68,7 @@ def examine_sweep(composer: Composer, ground: DictConfig, words: Sequence[str]) 
     faults += [fault for override in overrides if (fault := _expansion_fault(override))]
     if faults:
         return ExaminedSweep(None, faults)
-    jobs = [tuple(job) for job in BasicSweeper.split_arguments(overrides, None)[0]]
+    jobs = [tuple(expanded(job)) for job in BasicSweeper.split_arguments(overrides, None)[0]]
     faults = _twice(jobs)
     found: dict[Words, Examined] = {}
     for job in jobs:

@@ -9,6 +9,7 @@ from typing import Any, cast
 from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.config.constraint import constraint_of
+from eigenode_cli.config.plugins import unresolved
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.engines.obstacle import obstacle
 from eigenode_cli.errors import nearest, unknown
@@ -23,7 +24,7 @@ NO_SYMBOLIC_JACOBIAN = ("polynomial",)
 def value_faults(config: DictConfig) -> list[str]:
     """All faults of a resolved configuration, one line each."""
     faults = list(_node_faults(config, TrainConfig, ""))
-    if OmegaConf.missing_keys(config):
+    if OmegaConf.missing_keys(config) or unresolved(config):
         return faults  # what must fit together can only be asked of a whole
     faults += [fault for check in CHECKS for fault in check(config)]
     if not config.terms or faults:
@@ -52,6 +53,8 @@ def _node_faults(node: DictConfig, schema: type[Any], prefix: str) -> Iterator[s
             yield f"{prefix}{name}={show(node[name])}: nothing reads this setting{hint}"
     for name, entry in known.items():
         key = f"{prefix}{name}"
+        if not prefix and name in unresolved(node):
+            continue  # `typify` has said why
         if name not in node or OmegaConf.is_missing(node, name):
             yield f"{key}: missing, write {key}=..."
             continue
@@ -128,13 +131,16 @@ def _import_fault(module: str, function: str) -> str | None:
 
 def _system(config: DictConfig) -> Iterator[str]:
     """The dynamics exist, and states are named and counted right."""
-    from eigenode_cli.systems import SYSTEMS  # noqa: PLC0415  # NumPy, only once a command line is otherwise right
+    from eigenode_cli.config.build import build_system  # noqa: PLC0415  # NumPy, only for a line that is otherwise right
 
     system = config.system
-    if system.dynamics not in SYSTEMS:
-        yield f"system.dynamics={system.dynamics}: {unknown('dynamics', system.dynamics, SYSTEMS)}"
+    if any(_node_faults(system, OmegaConf.get_type(system), "system.")):
+        return  # it may not be possible to build it
+    try:
+        states = [state.name for state in build_system(OmegaConf.to_object(system)).states]
+    except Exception as error:  # the user's own constructor may raise anything
+        yield f"system={system.name}: {error}"
         return
-    states = [state.name for state in SYSTEMS[system.dynamics].states]
     if len(system.initial_state) != len(states):
         yield (
             f"system.initial_state={show(system.initial_state)}: {system.name} has {len(states)} states"

@@ -1,14 +1,9 @@
 """Polynomial network: every monomial of the states up to a degree, with learned coefficients."""
 
 from itertools import combinations_with_replacement
-from typing import Self
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
-
-from eigenode_cli.config.schema import PolynomialConfig
 
 
 class Polynomial(nn.Module):
@@ -18,34 +13,27 @@ class Polynomial(nn.Module):
     stabilisation more plainly.
 
     Args:
-        config: degree and spread of the initial coefficients.
-        inputs, outputs: dimensions n and m.
-        generator: source of the initial coefficients.
+        inputs: dimension n.
+        outputs: dimension m.
+        degree: largest total degree of a monomial.
+        spread: initial coefficients are uniform in [-spread, spread].
+        generator: source of the initial coefficients; torch's global one where it is None.
     """
 
     exponents: Tensor
 
-    def __init__(self, config: PolynomialConfig, inputs: int, outputs: int, generator: torch.Generator) -> None:
+    def __init__(
+        self, inputs: int, outputs: int, degree: int = 3, spread: float = 0.1, generator: torch.Generator | None = None
+    ) -> None:
         super().__init__()
         rows = [
             [monomial.count(i) for i in range(inputs)]
-            for degree in range(config.degree + 1)
+            for degree in range(degree + 1)
             for monomial in combinations_with_replacement(range(inputs), degree)
         ]
         self.register_buffer("exponents", torch.tensor(rows, dtype=torch.int64), persistent=False)
         draw = torch.rand((outputs, len(rows)), generator=generator, dtype=torch.float64)
-        self.coefficients = nn.Parameter((2.0 * draw - 1.0) * config.spread)
-
-    @classmethod
-    def build(
-        cls,
-        config: PolynomialConfig,
-        states: NDArray[np.float64],
-        outputs: NDArray[np.float64],
-        generator: torch.Generator,
-    ) -> Self:
-        """The network for known inputs `states (N, n)` and `outputs (N, m)`, of which only the widths matter."""
-        return cls(config, states.shape[1], outputs.shape[1], generator)
+        self.coefficients = nn.Parameter((2.0 * draw - 1.0) * spread)
 
     def forward(self, x: Tensor) -> Tensor:
         """Outputs `(..., m)` at inputs `x (..., n)`."""

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from eigenode_cli.config.schema import AdaptiveSolverConfig
 from eigenode_cli.data import Floats
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
@@ -20,6 +19,7 @@ from eigenode_cli.reference import reference_solution, sample
 from eigenode_cli.reproduce.measures import COST_FILE, TEST_FILE, TIGHT_FILE
 from eigenode_cli.reproduce.units import Unit
 from eigenode_cli.run import DENSE, Setup, build, build_targets
+from eigenode_cli.solve.settings import AdaptiveSolver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES
 
@@ -104,7 +104,7 @@ def measure_tight(unit: Unit) -> None:
         return
     setup, theta = _trained(unit)
     solver = setup.problem.solver
-    if isinstance(solver, AdaptiveSolverConfig):
+    if isinstance(solver, AdaptiveSolver):
         solver = replace(solver, **TIGHT)
     engine: Engine = build_engine(unit.config, setup.field, replace(setup.problem, solver=solver), {}, unheard)
     times = np.linspace(0.0, unit.config.system.horizon, DENSE)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torchdiffeq._impl.interp import _interp_evaluate
 
-from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, SolverConfig
+from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.times import checked_times, fixed_step_count
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, SolveStopped, rms_norm
@@ -47,7 +47,7 @@ def solve(
     field: Field,
     initial_state: Tensor,
     times: Tensor,
-    config: SolverConfig,
+    config: Solver,
     steps: list[float] | None = None,
 ) -> Trajectory:
     """Integrate `dx/dt = field(x)` from `initial_state (n,)` and interpolate at `times (N,)` in s, ascending.
@@ -66,15 +66,15 @@ def solve(
         ValueError: the times are not finite and ascending, or the method is unknown.
     """
     times = torch.from_numpy(checked_times(times))
-    if isinstance(config, AdaptiveSolverConfig):
+    if isinstance(config, AdaptiveSolver):
         return _solve_adaptive(field, initial_state, times, config, steps)
-    if isinstance(config, FixedSolverConfig):
+    if isinstance(config, FixedStepSolver):
         return _solve_fixed(field, initial_state, times, config)
     raise ValueError(f"solver={config.name}: neither adaptive nor of fixed step")
 
 
 def _solve_adaptive(
-    field: Field, initial_state: Tensor, times: Tensor, config: AdaptiveSolverConfig, steps: list[float] | None
+    field: Field, initial_state: Tensor, times: Tensor, config: AdaptiveSolver, steps: list[float] | None
 ) -> Trajectory:
     solver = ADAPTIVE[config.name](
         func=lambda _t, y: field(y), y0=initial_state, rtol=config.rtol, atol=config.atol, norm=rms_norm
@@ -93,7 +93,7 @@ def _solve_adaptive(
     return Trajectory(torch.stack(states), status, len(solver.steps), solver.n_rejected, solver.steps)
 
 
-def _solve_fixed(field: Field, initial_state: Tensor, times: Tensor, config: FixedSolverConfig) -> Trajectory:
+def _solve_fixed(field: Field, initial_state: Tensor, times: Tensor, config: FixedStepSolver) -> Trajectory:
     solver = FIXED[config.name](
         func=lambda _t, y, **_: field(y), y0=initial_state, step_size=config.step, rtol=0.0, atol=0.0
     )

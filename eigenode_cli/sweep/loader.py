@@ -7,6 +7,7 @@ import re
 from omegaconf import DictConfig, flag_override
 
 from eigenode_cli.config.composer import Loader
+from eigenode_cli.config.plugins import forced
 
 _SEED = re.compile(r"seed=(\d{1,18})")
 _SUBDIR = "hydra.sweep.subdir="
@@ -23,11 +24,11 @@ class SweepLoader(Loader):
         seeds = [match[1] for word in sweep_overrides if (match := _SEED.fullmatch(word))]
         shared = [word for word in sweep_overrides if not (_SEED.fullmatch(word) or word.startswith(_SUBDIR))]
         if not seeds:
-            return super().load_sweep_config(master_config, sweep_overrides)
+            return super().load_sweep_config(master_config, forced(sweep_overrides))
         path = [str(element) for element in self.get_search_path().get_path()]
         key = (*path, str(master_config.hydra.job.config_name), *master_config.hydra.overrides.hydra, *shared)
         if key not in _composed:
-            _composed[key] = super().load_sweep_config(master_config, shared)
+            _composed[key] = super().load_sweep_config(master_config, forced(shared))
         return _with_seed(copy.deepcopy(_composed[key]), int(seeds[-1]), sweep_overrides)
 
 

@@ -1,20 +1,23 @@
-"""Van der Pol oscillator, partly unstable and nonlinear (the paper's Equ. nonlinsys)."""
+"""Van der Pol oscillator, partly unstable and nonlinear (the paper's Sec. 4.3)."""
 
 import numpy as np
 
-from eigenode_cli.config.schema import VanDerPolConfig
 from eigenode_cli.systems.base import Floats, Parameter, State, System
 
 
 class VanDerPol(System):
-    """`d^2 nu/dt^2 = mu (1 - nu^2) dnu/dt - nu`; nu is without unit, time in s."""
+    """`d^2 nu/dt^2 = mu (1 - nu^2) dnu/dt - nu`; nu is without unit, time in s.
+
+    Args:
+        mu: strength of the nonlinear damping, without unit.
+    """
 
     title = "Van der Pol oscillator"
     states = (State("nu", "", r"\nu"), State("nu_dot", "1/s", r"\dot{\nu}"))
 
-    def __init__(self, config: VanDerPolConfig) -> None:
-        self.parameters = (Parameter("mu", config.mu, ""),)
-        self._mu = config.mu
+    def __init__(self, mu: float = 2.0) -> None:
+        self.parameters = (Parameter("mu", mu, ""),)
+        self._mu = mu
 
     def dynamics(self, x: Floats) -> Floats:
         """See `System.dynamics`."""

@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 import torch
 
-from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, MlpConfig, SolverConfig
+from eigenode_cli.config.build import build_field
+from eigenode_cli.config.schema import MlpConfig
 from eigenode_cli.data import Data
 from eigenode_cli.engines.base import Floats, LossJacobian
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.select import shape_of
 from eigenode_cli.engines.torch_engine import TorchEngine
-from eigenode_cli.field import VectorField, build_field, flat_parameters
+from eigenode_cli.field import VectorField, flat_parameters
 from eigenode_cli.problem import Problem
 from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms.peers import derivative_matching, jacobian_norm
 from eigenode_cli.terms.user import UserTerm, on_arrays, user_term
@@ -74,6 +76,7 @@ def many_states(n: int, hidden: list[int]) -> tuple[VectorField, Problem]:
     problem = case.problem(data=data, targets=targets_of_spectra(spectra))
     config = MlpConfig(
         name="mlp",
+        target="eigenode_cli.field:Mlp",
         structure="second_order",
         hidden=hidden,
         activation="tanh",
@@ -96,12 +99,12 @@ def test_more_states_at_frozen_steps(n: int, hidden: list[int], weights: str) ->
 @pytest.mark.parametrize(
     "config",
     [
-        AdaptiveSolverConfig(name="dopri5", rtol=1e-4, atol=1e-6, max_steps=10_000),
-        FixedSolverConfig(name="rk4", step=0.03),
+        AdaptiveSolver(name="dopri5", rtol=1e-4, atol=1e-6, max_steps=10_000),
+        FixedStepSolver(name="rk4", step=0.03),
     ],
     ids=["dopri5", "rk4"],
 )
-def test_other_solvers(case: Case, config: SolverConfig) -> None:
+def test_other_solvers(case: Case, config: Solver) -> None:
     field, problem = case.field(seed=2), case.problem(solver=config)
     theta = flat_parameters(field)
     compiled = CompiledEngine(shape_of(field), problem).loss_jacobian(theta)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from eigenode_cli.config.build import build_field
 from eigenode_cli.config.schema import MlpConfig, PolynomialConfig
-from eigenode_cli.field import build_field, flat_parameters, load_flat
+from eigenode_cli.field import flat_parameters, load_flat
 from eigenode_cli.field.activations import ACTIVATIONS
 from eigenode_cli.field.init import INITS
 from eigenode_cli.field.mlp import Mlp
@@ -14,10 +15,13 @@ from eigenode_cli.field.polynomial import Polynomial
 STATES = np.array([[1.0, 0.0], [-4.0, 2.0]])
 RATES = np.array([[0.0, -3.0], [2.0, 5.0]])
 
+CUBIC = PolynomialConfig("polynomial", "eigenode_cli.field:Polynomial", structure="full", degree=3, spread=1.0)
+
 
 def mlp(**changes: object) -> MlpConfig:
     options = {
         "name": "mlp",
+        "target": "eigenode_cli.field:Mlp",
         "structure": "second_order",
         "hidden": [32],
         "activation": "tanh",
@@ -87,7 +91,14 @@ def test_initial_weights_lie_in_their_bounds(init: str) -> None:
 
 
 def test_polynomial_has_every_monomial_once() -> None:
-    field = build_field(PolynomialConfig(name="polynomial", structure="full", degree=3, spread=1.0), STATES, RATES, 0)
+    field = build_field(
+        PolynomialConfig(
+            name="polynomial", target="eigenode_cli.field:Polynomial", structure="full", degree=3, spread=1.0
+        ),
+        STATES,
+        RATES,
+        0,
+    )
     assert flat_parameters(field).size == 2 * 10
     x, y = 0.5, -2.0
     theta = np.zeros(20)
@@ -100,7 +111,14 @@ def test_polynomial_has_every_monomial_once() -> None:
 
 
 def test_polynomial_is_smooth_at_the_origin() -> None:
-    field = build_field(PolynomialConfig(name="polynomial", structure="full", degree=3, spread=1.0), STATES, RATES, 0)
+    field = build_field(
+        PolynomialConfig(
+            name="polynomial", target="eigenode_cli.field:Polynomial", structure="full", degree=3, spread=1.0
+        ),
+        STATES,
+        RATES,
+        0,
+    )
     origin = torch.zeros(2, dtype=torch.float64)
     hessian = torch.autograd.functional.hessian(lambda x: field(x)[0], origin)
     assert isinstance(field.network, Polynomial)

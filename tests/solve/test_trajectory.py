@@ -9,17 +9,15 @@ from scipy.integrate import solve_ivp
 from torch import Tensor
 from torch.autograd import forward_ad
 
-from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig
+from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TABLEAUS
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
 from eigenode_cli.solve.trajectory import Trajectory, solve
 
 
-def adaptive(
-    name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000
-) -> AdaptiveSolverConfig:
-    return AdaptiveSolverConfig(name=name, rtol=rtol, atol=atol, max_steps=max_steps)
+def adaptive(name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000) -> AdaptiveSolver:
+    return AdaptiveSolver(name=name, rtol=rtol, atol=atol, max_steps=max_steps)
 
 
 def tensor(values: object) -> Tensor:
@@ -55,7 +53,7 @@ def test_order_of_fixed_steps(name: str, order: int) -> None:
     exact = 1.0 / (1.0 + math.exp(-4.0))
     errors = []
     for count in (40, 80):
-        config = FixedSolverConfig(name=name, step=4.0 / count)
+        config = FixedStepSolver(name=name, step=4.0 / count)
         errors.append(abs(float(solve(logistic, tensor([0.5]), tensor([0.0, 4.0]), config).states[-1, 0]) - exact))
     assert math.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.2)
 
@@ -132,8 +130,8 @@ def test_max_steps() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-@pytest.mark.parametrize("config", [adaptive(), FixedSolverConfig(name="rk4", step=0.1)], ids=["adaptive", "fixed"])
-def test_non_finite_from_the_start(value: float, config: AdaptiveSolverConfig | FixedSolverConfig) -> None:
+@pytest.mark.parametrize("config", [adaptive(), FixedStepSolver(name="rk4", step=0.1)], ids=["adaptive", "fixed"])
+def test_non_finite_from_the_start(value: float, config: AdaptiveSolver | FixedStepSolver) -> None:
     result = solve(lambda x: x * value, tensor([1.0, 2.0]), tensor([0.0, 1.0]), config)
     assert result.status is Status.NON_FINITE
     assert result.states.shape == (1, 2)
@@ -151,7 +149,7 @@ def test_non_finite_on_the_way(name: str) -> None:
 
 @pytest.mark.parametrize("step", [0.1, 0.3, 1.0 / 3.0])
 def test_fixed_steps_end_at_the_horizon_without_a_sliver(step: float) -> None:
-    result = solve(logistic, tensor([0.5]), tensor([0.0, 1.0]), FixedSolverConfig(name="rk4", step=step))
+    result = solve(logistic, tensor([0.5]), tensor([0.0, 1.0]), FixedStepSolver(name="rk4", step=step))
     assert result.n_accepted == math.ceil(1.0 / step - 1e-9)
     assert sum(result.steps) == pytest.approx(1.0)
     assert min(result.steps) > 0.05
@@ -209,7 +207,7 @@ def test_a_horizon_far_below_the_fixed_step_is_one_step(horizon: float) -> None:
 def test_derivative_at_frozen_steps(name: str) -> None:
     """Central difference = forward mode = reverse mode for the end state in the initial state."""
     start, times = tensor([2.0, 0.1]), tensor([0.0, 0.3, 1.0])
-    config = FixedSolverConfig(name=name, step=0.05) if name in FIXED else adaptive(name)
+    config = FixedStepSolver(name=name, step=0.05) if name in FIXED else adaptive(name)
     steps = None if name in FIXED else solve(van_der_pol, start, times, config).steps
 
     def end(x: Tensor) -> Tensor:

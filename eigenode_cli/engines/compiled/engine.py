@@ -8,7 +8,6 @@ from typing import Any
 import numba
 import numpy as np
 
-from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, SolverConfig
 from eigenode_cli.engines.base import (
     Advance,
     ArrayTerm,
@@ -28,6 +27,7 @@ from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.jit import PLAIN
 from eigenode_cli.learner import Rule
 from eigenode_cli.problem import Problem
+from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TABLEAUS
 from eigenode_cli.solve.times import checked_times, fixed_step_count
@@ -341,14 +341,14 @@ class CompiledEngine:
         return tuple(numba.typeof(argument) for argument in arguments[name])
 
 
-def _solver(owner: Owner, solver: SolverConfig) -> tuple[Method, float]:
+def _solver(owner: Owner, solver: Solver) -> tuple[Method, float]:
     """The method of a solver's configuration, and its step in s (0 for adaptive steps)."""
     tableau = TABLEAUS.get(solver.name)
     if tableau is None:
         raise ValueError(f"solver.name={solver.name}: the compiled engine knows {', '.join(TABLEAUS)}")
-    if tableau.adaptive and isinstance(solver, AdaptiveSolverConfig):
+    if tableau.adaptive and isinstance(solver, AdaptiveSolver):
         return build_method(owner, tableau, solver.rtol, solver.atol, solver.max_steps), 0.0
-    if not tableau.adaptive and isinstance(solver, FixedSolverConfig):
+    if not tableau.adaptive and isinstance(solver, FixedStepSolver):
         return build_method(owner, tableau, 0.0, 1.0, 0), float(solver.step)
     raise ValueError(f"solver.name={solver.name}: {type(solver).__name__} does not fit this method")
 

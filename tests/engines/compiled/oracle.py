@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from eigenode_cli.config.schema import AdaptiveSolverConfig, FixedSolverConfig, SolverConfig
 from eigenode_cli.data import Data
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.problem import Problem
 from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
@@ -48,7 +48,7 @@ def make_theta(shape: MlpShape, seed: int = 0, size: float = 0.6) -> Floats:
 
 
 def make_problem(
-    n: int, count: int = 9, horizon: float = 1.0, every: int = 1, solver: SolverConfig | None = None, **changes
+    n: int, count: int = 9, horizon: float = 1.0, every: int = 1, solver: Solver | None = None, **changes
 ) -> Problem:
     """Data and targets without any meaning, but with every kind of target in them."""
     random = np.random.default_rng(7)
@@ -74,14 +74,12 @@ def make_problem(
     return replace(problem, **changes)
 
 
-def adaptive(
-    name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000
-) -> AdaptiveSolverConfig:
-    return AdaptiveSolverConfig(name=name, rtol=rtol, atol=atol, max_steps=max_steps)
+def adaptive(name: str = "tsit5", rtol: float = 1e-3, atol: float = 1e-6, max_steps: int = 10_000) -> AdaptiveSolver:
+    return AdaptiveSolver(name=name, rtol=rtol, atol=atol, max_steps=max_steps)
 
 
-def fixed(step: float) -> FixedSolverConfig:
-    return FixedSolverConfig(name="rk4", step=step)
+def fixed(step: float) -> FixedStepSolver:
+    return FixedStepSolver(name="rk4", step=step)
 
 
 def field(shape: MlpShape, theta: Tensor, x: Tensor) -> Tensor:

@@ -390,8 +390,8 @@ def test_mistakes_are_named():
         CompiledEngine(shape, oracle.make_problem(4))
     with pytest.raises(ValueError, match="tsit5, dopri5, rk4"):
         CompiledEngine(shape, oracle.make_problem(2, solver=oracle.adaptive("euler")))
-    with pytest.raises(ValueError, match="FixedSolverConfig"):
-        CompiledEngine(shape, oracle.make_problem(2, solver=oracle.FixedSolverConfig(name="tsit5", step=0.1)))
+    with pytest.raises(ValueError, match="FixedStepSolver"):
+        CompiledEngine(shape, oracle.make_problem(2, solver=oracle.FixedStepSolver(name="tsit5", step=0.1)))
     engine = CompiledEngine(shape, problem)
     with pytest.raises(ValueError, match="21 parameters"):
         engine.loss_jacobian(np.zeros(3))

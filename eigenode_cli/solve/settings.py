@@ -1,0 +1,36 @@
+"""Solver settings: which Runge-Kutta method, and how its steps are chosen."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class AdaptiveSolver:
+    """An embedded Runge-Kutta method with step-size control.
+
+    Attributes:
+        name: method, as in `solver=`: tsit5 | dopri5 | dopri8 | bosh3 | adaptive_heun | fehlberg2.
+        rtol: relative tolerance.
+        atol: absolute tolerance, in the units of the states.
+        max_steps: attempted steps after which a solve ends with the status `max_steps`.
+    """
+
+    name: str = "tsit5"
+    rtol: float = 1e-3
+    atol: float = 1e-6
+    max_steps: int = 10_000
+
+
+@dataclass(frozen=True)
+class FixedStepSolver:
+    """A Runge-Kutta method with steps of one size.
+
+    Attributes:
+        name: method, as in `solver=`: rk4 | euler | midpoint | heun3.
+        step: step size in s.
+    """
+
+    name: str = "rk4"
+    step: float = 0.01
+
+
+Solver = AdaptiveSolver | FixedStepSolver
