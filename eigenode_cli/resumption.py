@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from eigenode_cli.config.build import build_field
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.field import build_field, flat_parameters
+from eigenode_cli.field import flat_parameters
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.recorder import LAST, complete_rows, load_last
 from eigenode_cli.runfile import RUN, RecordError

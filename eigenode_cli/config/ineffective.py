@@ -7,7 +7,7 @@ and Numba, and solves the system once.
 from collections.abc import Iterator
 
 import numpy as np
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.terms import split_grads
 
@@ -66,11 +66,11 @@ def _lost_pairs(config: DictConfig) -> Iterator[str]:
 
 def _truth(config: DictConfig) -> tuple[bool, bool]:
     """Whether any target of the truth has a pair, and whether any has a finite stiffness ratio."""
+    from eigenode_cli.config.build import build_system  # noqa: PLC0415  # as above
     from eigenode_cli.reference import reference_solution, truth_targets  # noqa: PLC0415  # as above
-    from eigenode_cli.systems import SYSTEMS  # noqa: PLC0415  # as above
 
     settings = config.system
-    system = SYSTEMS[settings.dynamics](settings)
+    system = build_system(OmegaConf.to_object(settings))
     times = np.linspace(0.0, settings.horizon, settings.points)
     try:
         states = reference_solution(system, np.array(settings.initial_state, dtype=np.float64), times)

@@ -238,7 +238,8 @@ def no_option(config: DictConfig, group: str, name: str, options: Iterable[str])
     alias = ALIASES.get(name.lower())
     guess = alias if alias in options else nearest(name, options)
     hint = f", did you mean {group}.{guess}?" if guess else ""
-    return f"{config_choice(config, group) or config[group].name} has no option '{name}'{hint} (it has: {', '.join(options) or 'none'})"
+    choice = config_choice(config, group) or config[group].name
+    return f"{choice} has no option '{name}'{hint} (it has: {', '.join(options) or 'none'})"
 
 
 def own_options(config: Any, base: type) -> dict[str, Any]:

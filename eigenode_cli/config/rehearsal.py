@@ -1,16 +1,14 @@
 """The user's own terms evaluated once before a run: on the truth's trajectory and spectra, with the initial network."""
 
 from collections.abc import Iterator
-from typing import cast
 
 import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 
+from eigenode_cli.config.build import build_field, build_system
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.field import build_field
 from eigenode_cli.reference import sample, truth_spectra, with_noise
-from eigenode_cli.systems import SYSTEMS
 from eigenode_cli.terms.user import load_user_terms, value_fault
 
 
@@ -19,8 +17,8 @@ def rehearse(config: DictConfig) -> Iterator[str]:
 
     A term that raises is left to the run, which keeps its traceback: it may need what only a training gives it.
     """
-    settings = cast(TrainConfig, OmegaConf.to_object(config))
-    system = SYSTEMS[settings.system.dynamics](settings.system)
+    settings = TrainConfig(**vars(OmegaConf.to_object(config)))
+    system = build_system(settings.system)
     start = np.array(settings.system.initial_state, dtype=np.float64)
     try:
         truth = sample(system, start, settings.system.horizon, settings.system.points, settings.system.observed)

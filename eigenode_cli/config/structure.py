@@ -12,7 +12,7 @@ from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 Composed = make_dataclass(
     "Composed", [(entry.name, Any if entry.name in GROUPS else entry.type, entry) for entry in fields(TrainConfig)]
 )
-"""`TrainConfig` as Hydra composes it: the options of a user's class are known once it is imported (`plugins.typify`)."""
+"""`TrainConfig` as Hydra composes it: the options of a user's class are not known yet (`plugins.typify`)."""
 
 
 def structured(config: DictConfig) -> DictConfig:

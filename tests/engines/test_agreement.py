@@ -230,7 +230,7 @@ def test_a_term_without_the_solution_outlives_a_failed_solve_alike() -> None:
     assert np.isnan(ours.gradients).all(axis=1).tolist() == [True, False, True, False]
 
 
-def at_times(times: object, config: SolverConfig) -> tuple[LossJacobian, LossJacobian]:
+def at_times(times: object, config: Solver) -> tuple[LossJacobian, LossJacobian]:
     """Loss Jacobians of both engines where the data have other times."""
     case = make_case("oscillator")
     data = case.problem().data
@@ -245,12 +245,12 @@ def at_times(times: object, config: SolverConfig) -> tuple[LossJacobian, LossJac
     )
 
 
-METHODS = [solver(), FixedSolverConfig(name="rk4", step=0.03)]
+METHODS = [solver(), FixedStepSolver(name="rk4", step=0.03)]
 
 
 @pytest.mark.parametrize("config", METHODS, ids=["adaptive", "fixed"])
 @pytest.mark.parametrize("times", [[0.0, 0.0, 0.1, 0.1, 0.2], [0, 1, 2], [0.0, 3e-12]], ids=["twice", "whole", "short"])
-def test_unusual_times(times: list[float], config: SolverConfig) -> None:
+def test_unusual_times(times: list[float], config: Solver) -> None:
     """Times that repeat, whole numbers, and a horizon of less than a billionth of the step."""
     ours, reference = at_times(np.array(times), config)
     assert ours.status is Status.OK

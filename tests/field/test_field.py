@@ -91,14 +91,7 @@ def test_initial_weights_lie_in_their_bounds(init: str) -> None:
 
 
 def test_polynomial_has_every_monomial_once() -> None:
-    field = build_field(
-        PolynomialConfig(
-            name="polynomial", target="eigenode_cli.field:Polynomial", structure="full", degree=3, spread=1.0
-        ),
-        STATES,
-        RATES,
-        0,
-    )
+    field = build_field(CUBIC, STATES, RATES, 0)
     assert flat_parameters(field).size == 2 * 10
     x, y = 0.5, -2.0
     theta = np.zeros(20)
@@ -111,14 +104,7 @@ def test_polynomial_has_every_monomial_once() -> None:
 
 
 def test_polynomial_is_smooth_at_the_origin() -> None:
-    field = build_field(
-        PolynomialConfig(
-            name="polynomial", target="eigenode_cli.field:Polynomial", structure="full", degree=3, spread=1.0
-        ),
-        STATES,
-        RATES,
-        0,
-    )
+    field = build_field(CUBIC, STATES, RATES, 0)
     origin = torch.zeros(2, dtype=torch.float64)
     hessian = torch.autograd.functional.hessian(lambda x: field(x)[0], origin)
     assert isinstance(field.network, Polynomial)

@@ -155,11 +155,11 @@ def test_fixed_steps_end_at_the_horizon_without_a_sliver(step: float) -> None:
     assert min(result.steps) > 0.05
 
 
-METHODS = [adaptive(), FixedSolverConfig(name="rk4", step=0.05)]
+METHODS = [adaptive(), FixedStepSolver(name="rk4", step=0.05)]
 
 
 @pytest.mark.parametrize("config", METHODS, ids=["adaptive", "fixed"])
-def test_times_that_repeat_show_the_same_state_again(config: AdaptiveSolverConfig | FixedSolverConfig) -> None:
+def test_times_that_repeat_show_the_same_state_again(config: AdaptiveSolver | FixedStepSolver) -> None:
     start = tensor([2.0, 0.0])
     once = solve(van_der_pol, start, tensor([0.0, 0.5, 1.0]), config).states
     twice = solve(van_der_pol, start, tensor([0.0, 0.0, 0.5, 0.5, 1.0, 1.0]), config)
@@ -171,7 +171,7 @@ def test_times_that_repeat_show_the_same_state_again(config: AdaptiveSolverConfi
 
 
 @pytest.mark.parametrize("config", METHODS, ids=["adaptive", "fixed"])
-def test_whole_numbers_are_times(config: AdaptiveSolverConfig | FixedSolverConfig) -> None:
+def test_whole_numbers_are_times(config: AdaptiveSolver | FixedStepSolver) -> None:
     whole = solve(van_der_pol, tensor([2.0, 0.0]), torch.tensor([0, 1, 2]), config)
     assert whole.status is Status.OK
     assert torch.equal(whole.states, solve(van_der_pol, tensor([2.0, 0.0]), tensor([0.0, 1.0, 2.0]), config).states)
@@ -189,16 +189,14 @@ def test_whole_numbers_are_times(config: AdaptiveSolverConfig | FixedSolverConfi
         ([[0.0, 1.0]], r"shape \(1, 2\)"),
     ],
 )
-def test_wrong_times_are_named(
-    times: list[float], answer: str, config: AdaptiveSolverConfig | FixedSolverConfig
-) -> None:
+def test_wrong_times_are_named(times: list[float], answer: str, config: AdaptiveSolver | FixedStepSolver) -> None:
     with pytest.raises(ValueError, match=answer):
         solve(van_der_pol, tensor([2.0, 0.0]), tensor(times), config)
 
 
 @pytest.mark.parametrize("horizon", [1e-10, 1e-13])
 def test_a_horizon_far_below_the_fixed_step_is_one_step(horizon: float) -> None:
-    result = solve(van_der_pol, tensor([2.0, 1.0]), tensor([0.0, horizon]), FixedSolverConfig(name="rk4", step=0.5))
+    result = solve(van_der_pol, tensor([2.0, 1.0]), tensor([0.0, horizon]), FixedStepSolver(name="rk4", step=0.5))
     assert result.steps == [horizon]
     np.testing.assert_allclose(result.states[-1].numpy() - [2.0, 1.0], [horizon, -8.0 * horizon], rtol=1e-2, atol=1e-15)
 

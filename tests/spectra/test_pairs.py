@@ -6,11 +6,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from eigenode_cli.config.schema import OscillatorConfig
 from eigenode_cli.data import Targets
 from eigenode_cli.reference import stated_targets, targets_of_spectra, truth_spectra, truth_targets
 from eigenode_cli.spectra.pairs import ROUNDING, assign_rows, find_partners, rounding_levels, without_rounding
-from eigenode_cli.systems import SYSTEMS
+from eigenode_cli.systems import Oscillator
 from eigenode_cli.terms.torch_terms import spectral_values
 
 MERGED = [(9.0, 6.0), (25.0, 10.0), (2.0, 2.8284271247461903)]
@@ -50,14 +49,14 @@ def with_zeros(frequency: float, defective: bool) -> NDArray:
 
 @pytest.mark.parametrize(("stiffness", "damping"), MERGED)
 def test_merged_pairs_are_treated_alike(stiffness: float, damping: float) -> None:
-    system = SYSTEMS["oscillator"](OscillatorConfig(c=stiffness, d=damping, m=1.0))
+    system = Oscillator(stiffness, damping)
     states = np.ones((3, 2))
     assert truth_targets(system, states).pairs.tolist() == [0, 0, 0]
     assert not truth_spectra(system, states, 1.0).imag.any()
     np.testing.assert_allclose(truth_spectra(system, states, 1.0).real, -damping / 2.0, rtol=1e-7)
     assert count_pairs(system.jacobian(states)) == [0, 0, 0]
     # a pair of a thousandth of that frequency is one
-    near = SYSTEMS["oscillator"](OscillatorConfig(c=stiffness * (1.0 + 1e-6), d=damping, m=1.0))
+    near = Oscillator(stiffness * (1.0 + 1e-6), damping)
     assert truth_targets(near, states).pairs.tolist() == [1, 1, 1]
 
 
