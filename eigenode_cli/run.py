@@ -181,7 +181,7 @@ def _attended(
     write_json(folder / "run.json", record)
     if not quiet:
         _tell(folder, record)
-    drawn = _draw(folder, quiet) if config.trainer.figures and record["final"] else EXIT[FINISHED]
+    drawn = draw(folder, quiet) if config.trainer.figures and record["final"] else EXIT[FINISHED]
     return EXIT[ending.status] or drawn
 
 
@@ -326,8 +326,11 @@ def _git_commit() -> str | None:
     return git.stdout.strip() or None
 
 
-def _draw(folder: Path, quiet: bool) -> int:
-    """Draw figures and page of a run whose record is complete and stays as it is; returns the exit status."""
+def draw(folder: Path, quiet: bool) -> int:
+    """Draw figures and page of a run whose record is complete and stays as it is; returns the exit status.
+
+    It is 0 even where the figures fail, which is said in a line on standard error, and 130 where they are interrupted.
+    """
     again = f"the run is recorded; draw it again with: eigenode plot {folder} and eigenode report {folder}"
     try:
         from eigenode_cli.figures import draw_run  # noqa: PLC0415  # matplotlib and pandas, only once they are needed

@@ -21,10 +21,12 @@ from eigenode_cli.solve.status import SOLVED, Status
 
 SAVE_SECONDS = 5.0
 """Longest time that a kill can cost: what resume needs is also saved this often between the checkpoints."""
-STABLER = "another seed, or trainer.on_unsolvable=stabilise with stb in grads, may help"
-SMOOTHER = "a smaller solver.rtol makes them smoother, optimizer=adam needs no smoothness"
 BREATH_SECONDS = 0.25
 """About the longest time that an engine trains by itself: meanwhile nobody can interrupt it."""
+
+STABLER = "another seed, or trainer.on_unsolvable=stabilise with stb in grads, may help"
+SMOOTHER = "a smaller solver.rtol makes the terms smoother, optimizer=adam needs no smoothness"
+"""What the user can do."""
 
 
 class Unsolvable(Exception):
@@ -140,7 +142,7 @@ class Trainer:
                 self._skip_to(self._event_after(self.progress.step - 1))
                 self._end(DIVERGED, f"the parameters are not finite any more; {SMALLER}")
                 return
-            reached = Snapshot.take(self.progress, self.theta, self.optimizer.state())
+            reached = self._snapshot()
             if not reached.repeats(self._committed):
                 self._committed = reached
                 return
@@ -251,8 +253,11 @@ class Trainer:
 
     def _commit(self) -> None:
         """Take the working state as the one that an interruption goes back to."""
+        self._committed = self._snapshot()
+
+    def _snapshot(self) -> Snapshot:
         self.progress.wall_seconds = self.wall()
-        self._committed = Snapshot.take(self.progress, self.theta, self.optimizer.state())
+        return Snapshot.take(self.progress, self.theta, self.optimizer.state())
 
     def _roll_back(self) -> None:
         """Undo whatever an interrupted step has changed."""

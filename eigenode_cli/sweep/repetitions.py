@@ -9,8 +9,8 @@ from omegaconf import DictConfig
 from eigenode_cli.config.compose import typed
 from eigenode_cli.config.sweep import Job, settings_of
 from eigenode_cli.console import QuietDisplay
-from eigenode_cli.figures import draw_run
-from eigenode_cli.report import write_report
+from eigenode_cli.ending import FINAL, INTERRUPTED
+from eigenode_cli.run import EXIT, draw
 from eigenode_cli.sweep.job import attempt, contained, figures_chosen
 from eigenode_cli.sweep.launch import cores
 from eigenode_cli.sweep.plan import Sweep
@@ -64,6 +64,6 @@ def repeat(sweep: Sweep, pending: Sequence[Job], config: DictConfig, threads: in
         future.result()
     if drawn:
         for job in pending:
-            if recorded(sweep.place(job)).status == "finished":
-                draw_run(sweep.place(job))
-                write_report(sweep.place(job))
+            ended = recorded(sweep.place(job)).status in FINAL
+            if ended and draw(sweep.place(job), quiet=True) == EXIT[INTERRUPTED]:
+                raise KeyboardInterrupt
