@@ -32,6 +32,7 @@ from eigenode_cli.ending import DIVERGED, FAILED, FINISHED, INTERRUPTED, STALLED
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, build_field, flat_parameters, load_flat
+from eigenode_cli.interruption import check
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
 from eigenode_cli.problem import Problem
@@ -337,6 +338,7 @@ def draw(folder: Path, quiet: bool) -> int:
         from eigenode_cli.report import write_report  # noqa: PLC0415
 
         draw_run(folder)
+        check()
         write_report(folder)
         if not quiet:
             print(f"figures {folder / 'plots'}\nreport  {folder / 'report.html'}")

@@ -13,6 +13,7 @@ from eigenode_cli.console import Display, duration
 from eigenode_cli.data import Floats
 from eigenode_cli.ending import DIVERGED, RUNNING, SMALLER, STALLED, Ending, judge
 from eigenode_cli.engines.base import Engine
+from eigenode_cli.interruption import check
 from eigenode_cli.learner import Rule, build_rule, learn
 from eigenode_cli.objective import Objective, stationary
 from eigenode_cli.optimizer import AdamBfgs, Optimizer
@@ -114,6 +115,7 @@ class Trainer:
         self._commit()
         try:
             while True:
+                check()
                 step = self.progress.step
                 final = self.progress.ended is not None or step == self.config.steps
                 if final or step % self.config.record_every == 0:

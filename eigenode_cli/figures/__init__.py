@@ -13,6 +13,7 @@ from eigenode_cli.figures.phase import draw_phase, phase_numbers
 from eigenode_cli.figures.solution import draw_solution, solution_numbers
 from eigenode_cli.figures.stability import draw_stability, stability_numbers
 from eigenode_cli.figures.style import house_style, save, to_svg
+from eigenode_cli.interruption import check
 from eigenode_cli.records import Run, read_run
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def draw_run(folder: Path) -> list[Path]:
     plots.mkdir(exist_ok=True)
     paths: list[Path] = []
     for name in figures_of(run):
+        check()
         numbers_of, draw = FIGURES[name]
         with house_style():
             figure = draw(numbers_of(run))
