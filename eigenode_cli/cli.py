@@ -1,24 +1,22 @@
 """The command `eigenode`: finds the subcommand, and turns how it ends into an exit code.
 
-0 done; 1 the run failed; 2 the user's mistake, one line each; 130 interrupted.
+0 done; 1 the run failed, stalled or diverged; 2 the user's mistake, one line each; 130 interrupted.
 """
 
 import argparse
 import errno
 import gc
 import os
-import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import FrameType
 from typing import NoReturn
 
 from eigenode_cli import __version__
 from eigenode_cli.errors import UserError, unknown
 from eigenode_cli.files import WriteError
+from eigenode_cli.interruption import interruptible
 from eigenode_cli.output import lasting_output
 from eigenode_cli.paths import importable
 
@@ -176,7 +174,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _answered(words: list[str]) -> int:
     """The exit code of a command, whatever happens in it."""
     try:
-        with _terminable(), _rare_collections(), importable("."):
+        with interruptible(), _rare_collections(), importable("."):
             return _dispatch(words)
     except UserError as error:
         for fault in error.faults:
@@ -249,24 +247,6 @@ def _complete(words: list[str]) -> int:
             return 0
         os.environ["COMP_LINE"] = line.replace(" train", "", 1)
     return _train(argparse.Namespace(words=["-sc", *words]))
-
-
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    del number, frame
-    raise KeyboardInterrupt
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does, resumable and without workers left behind."""
-    if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, _terminate)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ FINAL = (FINISHED, STALLED, DIVERGED)
 """Statuses that the same settings lead to again: such a run is not repeated, and there is nothing to resume."""
 ENDED = (FINISHED, *UNSUCCESSFUL)
 """Statuses of runs that nobody works on any more."""
-STATUSES = (RUNNING, INTERRUPTED, *ENDED)
+STATUSES = (RUNNING, FINISHED, FAILED, INTERRUPTED, STALLED, DIVERGED)
 """Every status in run.json."""
 
 FACTOR = 100.0

@@ -35,6 +35,7 @@ from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.select import build_engine
 from eigenode_cli.field import VectorField, flat_parameters, load_flat
 from eigenode_cli.files import Reserve, WriteError, write_text
+from eigenode_cli.interruption import check
 from eigenode_cli.lock import locked
 from eigenode_cli.optimizer import build_optimizer
 from eigenode_cli.outcome import write_eigenvalues, write_solution
@@ -210,7 +211,7 @@ def _attended(
         _tell(folder, record)
     if full is not None:
         return EXIT[FAILED]
-    drawn = _draw(folder, quiet) if config.trainer.figures and record["final"] else EXIT[FINISHED]
+    drawn = draw(folder, quiet) if config.trainer.figures and record["final"] else EXIT[FINISHED]
     return EXIT[ending.status] or drawn
 
 
@@ -356,14 +357,19 @@ def _git_commit() -> str | None:
     return git.stdout.strip() or None
 
 
-def _draw(folder: Path, quiet: bool) -> int:
-    """Draw figures and page of a run whose record is complete and stays as it is; returns the exit status."""
+def draw(folder: Path, quiet: bool) -> int:
+    """Draw figures and page of a run whose record is complete and stays as it is; returns the exit status.
+
+    It is 0 even where the figures fail, which is said in a line on standard error, and 130 where they are interrupted.
+    """
     again = f"the run is recorded; draw it again with: eigenode plot {folder} and eigenode report {folder}"
     try:
         from eigenode_cli.figures import draw_run  # noqa: PLC0415  # matplotlib and pandas, only once they are needed
         from eigenode_cli.report import write_report  # noqa: PLC0415
 
-        draw_run(folder)
+        for fault in draw_run(folder).faults:
+            print(f"eigenode: {fault}", file=sys.stderr)
+        check()
         write_report(folder)
         if not quiet:
             print(f"figures {folder / 'plots'}\nreport  {folder / 'report.html'}")

@@ -13,6 +13,7 @@ from eigenode_cli.console import Display, duration
 from eigenode_cli.data import Floats
 from eigenode_cli.ending import DIVERGED, RUNNING, SMALLER, STALLED, Ending, judge
 from eigenode_cli.engines.base import Engine
+from eigenode_cli.interruption import check
 from eigenode_cli.learner import Rule, build_rule, learn
 from eigenode_cli.objective import Objective, stationary
 from eigenode_cli.optimizer import AdamBfgs, Optimizer
@@ -21,10 +22,12 @@ from eigenode_cli.solve.status import SOLVED, Status
 
 SAVE_SECONDS = 5.0
 """Longest time that a kill can cost: what resume needs is also saved this often between the checkpoints."""
-STABLER = "another seed, or trainer.on_unsolvable=stabilise with stb in grads, may help"
-SMOOTHER = "a smaller solver.rtol makes them smoother, optimizer=adam needs no smoothness"
 BREATH_SECONDS = 0.25
 """About the longest time that an engine trains by itself: meanwhile nobody can interrupt it."""
+
+STABLER = "another seed, or trainer.on_unsolvable=stabilise with stb in grads, may help"
+SMOOTHER = "a smaller solver.rtol makes the terms smoother, optimizer=adam needs no smoothness"
+"""What the user can do."""
 
 
 class Unsolvable(Exception):
@@ -112,6 +115,7 @@ class Trainer:
         self._commit()
         try:
             while True:
+                check()
                 step = self.progress.step
                 final = self.progress.ended is not None or step == self.config.steps
                 if final or step % self.config.record_every == 0:
@@ -140,7 +144,7 @@ class Trainer:
                 self._skip_to(self._event_after(self.progress.step - 1))
                 self._end(DIVERGED, f"the parameters are not finite any more; {SMALLER}")
                 return
-            reached = Snapshot.take(self.progress, self.theta, self.optimizer.state())
+            reached = self._snapshot()
             if not reached.repeats(self._committed):
                 self._committed = reached
                 return
@@ -251,8 +255,11 @@ class Trainer:
 
     def _commit(self) -> None:
         """Take the working state as the one that an interruption goes back to."""
+        self._committed = self._snapshot()
+
+    def _snapshot(self) -> Snapshot:
         self.progress.wall_seconds = self.wall()
-        self._committed = Snapshot.take(self.progress, self.theta, self.optimizer.state())
+        return Snapshot.take(self.progress, self.theta, self.optimizer.state())
 
     def _roll_back(self) -> None:
         """Undo whatever an interrupted step has changed."""

@@ -15,6 +15,7 @@ from eigenode_cli.figures.solution import draw_solution, solution_numbers
 from eigenode_cli.figures.stability import draw_stability, stability_numbers
 from eigenode_cli.figures.style import house_style, save, to_svg
 from eigenode_cli.files import WriteError, make_folder
+from eigenode_cli.interruption import check
 from eigenode_cli.records import Run, open_run
 from eigenode_cli.runfile import RecordError
 
@@ -56,6 +57,7 @@ def draw_run(folder: Path) -> Drawn:
     plots = folder / "plots"
     drawn = Drawn([], [])
     for name in figures_of(run):
+        check()
         with house_style(), contained(name, drawn.faults):
             figure = _figure(run, name)
             make_folder(plots)

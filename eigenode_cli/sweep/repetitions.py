@@ -11,8 +11,8 @@ from eigenode_cli.config.composer import keep_composition
 from eigenode_cli.config.sweep import Job, of_seed, settings_of
 from eigenode_cli.console import QuietDisplay
 from eigenode_cli.cpus import usable_cores
-from eigenode_cli.figures import draw_run
-from eigenode_cli.report import write_report
+from eigenode_cli.ending import FINAL, INTERRUPTED
+from eigenode_cli.run import EXIT, draw
 from eigenode_cli.sweep.job import attempt, contained, figures_chosen
 from eigenode_cli.sweep.plan import Sweep
 from eigenode_cli.sweep.state import recorded
@@ -67,6 +67,6 @@ def repeat(sweep: Sweep, pending: Sequence[Job], config: DictConfig, threads: in
         future.result()
     if drawn:
         for job in pending:
-            if recorded(sweep.place(job)).status == "finished":
-                draw_run(sweep.place(job))
-                write_report(sweep.place(job))
+            ended = recorded(sweep.place(job)).status in FINAL
+            if ended and draw(sweep.place(job), quiet=True) == EXIT[INTERRUPTED]:
+                raise KeyboardInterrupt
