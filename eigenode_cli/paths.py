@@ -1,13 +1,13 @@
 """Where things lie: the shipped configs, the folders of runs, and the user's own code."""
 
 import hashlib
-import importlib.util
 import os
 import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from eigenode_cli import OWN_CODE, own_code
@@ -136,15 +136,12 @@ def hidden(module: str) -> Path | None:
     Args:
         module: dotted name of what was asked for.
     """
-    first = module.partition(".")[0]
-    try:
-        spec = importlib.util.find_spec(first)
-    except ValueError:  # __main__
-        spec = None
-    candidates = [Path(folder) / name for folder in own_code() for name in (f"{first}.py", f"{first}/__init__.py")]
-    own = next((path for path in candidates if path.is_file()), None)
-    taken = spec is not None and str(spec.origin) not in map(str, candidates)
-    return own if taken else None
+    first, own = module.partition(".")[0], own_code()
+    files = [Path(folder) / name for folder in own for name in (f"{first}.py", f"{first}/__init__.py")]
+    found = next((path for path in files if path.is_file()), None)
+    others = [folder for folder in sys.path if folder not in own]
+    installed = first in sys.stdlib_module_names or PathFinder.find_spec(first, others) is not None
+    return found if installed else None
 
 
 def restore_variable(name: str, value: str | None) -> None:

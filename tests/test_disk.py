@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from eigenode_cli import figures
 from eigenode_cli import run as run_module
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.console import QuietDisplay
@@ -117,6 +118,20 @@ def test_a_read_only_folder(disk: Disk, place: Path) -> None:
             assert "Read-only file system" in err or "Permission denied" in err, words
     finally:
         disk.mode("rw")
+
+
+def test_figures_that_cannot_be_written_leave_the_run_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(figure: object, path: Path) -> None:
+        raise WriteError(f"cannot write {path}: No space left on device")
+
+    monkeypatch.setattr(figures, "save", full)
+    words = [*WORDS[:-1], "trainer.figures=true"]
+    assert run_module.train(typed(compose(words)), tmp_path, words) == 1
+    path = tmp_path / "plots" / "convergence.png"
+    assert capsys.readouterr().err == f"eigenode: cannot write {path}: No space left on device\n"
+    assert json.loads((tmp_path / "run.json").read_text())["status"] == "finished"
 
 
 def test_outputs_is_a_file(tmp_path: Path) -> None:

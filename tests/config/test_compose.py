@@ -118,7 +118,7 @@ def test_restored_from_a_record(words: list[str]) -> None:
 
 
 def test_a_record_of_another_version_is_refused() -> None:
-    with pytest.raises(UserError, match=r"run\.json: not a configuration of this version"):
+    with pytest.raises(UserError, match=r"run\.json: config\.solver\.tolerance: Key .tolerance. not in"):
         restore({"solver": {"name": "tsit5", "tolerance": 1}})
 
 
