@@ -16,13 +16,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from eigenode_cli import run
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.errors import UserError
-from eigenode_cli.files import WriteError
-from eigenode_cli.runfile import read_record
+from eigenode_cli.runs import run
+from eigenode_cli.runs.atomic import WriteError
+from eigenode_cli.runs.runfile import read_record
+from tests.batch.helpers import without_time
 from tests.disk import small_disk
-from tests.sweep.helpers import without_time
 from tests.test_damage import WORDS
 from tests.test_disk import Filling
 

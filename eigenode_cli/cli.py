@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from eigenode_cli import __version__
+from eigenode_cli.commands.output import lasting_output
 from eigenode_cli.errors import UserError, unknown
-from eigenode_cli.files import WriteError
 from eigenode_cli.interruption import interruptible
-from eigenode_cli.output import lasting_output
-from eigenode_cli.paths import importable
+from eigenode_cli.runs.atomic import WriteError
+from eigenode_cli.runs.paths import importable
 
 USER_ERROR = 2
 INTERRUPTED = 130

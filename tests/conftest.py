@@ -9,9 +9,9 @@ import pytest
 
 from eigenode_cli.config.build import build_field
 from eigenode_cli.config.schema import MlpConfig
-from eigenode_cli.field import VectorField
-from eigenode_cli.problem import Problem
-from eigenode_cli.reference import sample, truth_targets
+from eigenode_cli.data.simulate import sample, truth_targets
+from eigenode_cli.engines.problem import Problem
+from eigenode_cli.model import VectorField
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
 from eigenode_cli.systems import Oscillator, System, VanDerPol
 from eigenode_cli.terms import NAMES
@@ -66,7 +66,7 @@ class Case:
     def field(self, seed: int = 0, **changes: object) -> VectorField:
         options: dict[str, object] = {
             "name": "mlp",
-            "target": "eigenode_cli.field:Mlp",
+            "target": "eigenode_cli.model:Mlp",
             "structure": "second_order",
             "hidden": [32],
             "activation": "tanh",

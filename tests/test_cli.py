@@ -19,7 +19,7 @@ from eigenode_cli.cli import BLAS_THREADS, COMMANDS, main
 from eigenode_cli.commands import configs
 from eigenode_cli.config.catalogue import Validation
 from eigenode_cli.config.schema import MlpConfig, TrainConfig
-from eigenode_cli.paths import claim_folder, slug
+from eigenode_cli.runs.paths import claim_folder, slug
 
 ROOT = Path(eigenode_cli.__file__).parents[1]
 BASIC = "hydra/launcher=basic"
@@ -34,9 +34,9 @@ class Runs(list[tuple[TrainConfig, Path]]):
 
 @pytest.fixture
 def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
-    """A stand-in for `eigenode_cli.run` that records and writes run.json, in an empty current folder."""
+    """A stand-in for `eigenode_cli.runs.run` that records and writes run.json, in an empty current folder."""
     recorded = Runs()
-    module = ModuleType("eigenode_cli.run")
+    module = ModuleType("eigenode_cli.runs.run")
 
     def train(config: TrainConfig, folder: Path, overrides: list[str], **_: object) -> int:
         assert all(isinstance(word, str) for word in overrides)
@@ -48,7 +48,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
         return recorded.status
 
     module.train = train  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "eigenode_cli.run", module)
+    monkeypatch.setitem(sys.modules, "eigenode_cli.runs.run", module)
     monkeypatch.setattr(eigenode_cli, "run", module, raising=False)
     monkeypatch.chdir(tmp_path)
     return recorded
@@ -251,8 +251,8 @@ def test_plot_and_report_print_what_they_wrote(
         (tmp_path / name).touch()
     figures = SimpleNamespace(draw_run=lambda folder: ([folder / "plots" / "phase.png"], ["data.csv is missing"]))
     report = SimpleNamespace(write_report=lambda folder: SimpleNamespace(path=folder / "report.html", faults=[]))
-    monkeypatch.setitem(sys.modules, "eigenode_cli.figures", figures)
-    monkeypatch.setitem(sys.modules, "eigenode_cli.report", report)
+    monkeypatch.setitem(sys.modules, "eigenode_cli.reporting.figures", figures)
+    monkeypatch.setitem(sys.modules, "eigenode_cli.reporting.report", report)
     assert main(["plot", str(tmp_path)]) == 0
     assert main(["report", str(tmp_path)]) == 0
     out, err = capsys.readouterr()
@@ -310,9 +310,9 @@ def test_no_heavy_import_before_everything_is_checked(words: list[str], tmp_path
 def test_sigterm_interrupts(tmp_path: Path) -> None:
     script = (
         "import os, signal, sys, types, eigenode_cli\n"
-        "run = types.ModuleType('eigenode_cli.run')\n"
+        "run = types.ModuleType('eigenode_cli.runs.run')\n"
         "run.train = lambda config, folder, overrides: os.kill(os.getpid(), signal.SIGTERM) or 0\n"
-        "sys.modules['eigenode_cli.run'] = eigenode_cli.run = run\n"
+        "sys.modules['eigenode_cli.runs.run'] = eigenode_cli.runs.run = run\n"
         "from eigenode_cli.cli import main\n"
         "sys.exit(main(['train']))\n"
     )
@@ -345,10 +345,10 @@ def test_the_dry_run_counts_the_cores_of_the_checked_launcher(
     runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_config(tmp_path / "mine" / "machine" / "few.yaml", FEW_PROCESSES)
-    cost = ModuleType("eigenode_cli.sweep.cost")
+    cost = ModuleType("eigenode_cli.batch.cost")
     counted: list[int] = []
     cost.show_cost = lambda composer, kinds, workers, drawn: counted.append(workers)  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "eigenode_cli.sweep.cost", cost)
+    monkeypatch.setitem(sys.modules, "eigenode_cli.batch.cost", cost)
     assert main(["train", "-m", "--config-dir", "mine", "+machine=few", "seed=0,1", "--dry-run"]) == 0
     assert counted == [1]
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from eigenode_cli import figures
-from eigenode_cli import run as run_module
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.console import QuietDisplay
-from eigenode_cli.files import WriteError, write_json, write_text
+from eigenode_cli.reporting import figures
+from eigenode_cli.runs import run as run_module
+from eigenode_cli.runs.atomic import WriteError, write_json, write_text
+from tests.batch.helpers import inside, without_time
 from tests.disk import Disk, small_disk
-from tests.sweep.helpers import inside, without_time
 from tests.test_damage import WORDS, place
 
 __all__ = ["place"]  # a fixture

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from eigenode_cli.ending import DIVERGED, ENDED, FINAL, FINISHED, STATUSES, UNSUCCESSFUL, judge
-from eigenode_cli.objective import FLAT, stationary
-from eigenode_cli.run import EXIT
+from eigenode_cli.runs.run import EXIT
+from eigenode_cli.training.ending import DIVERGED, ENDED, FINAL, FINISHED, STATUSES, UNSUCCESSFUL, judge
+from eigenode_cli.training.total_loss import FLAT, stationary
 
 
 @pytest.mark.parametrize(

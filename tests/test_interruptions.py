@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from eigenode_cli import figures
-from eigenode_cli import run as run_module
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.interruption import check, interruptible
-from tests.test_run import InterruptedAt, metrics, record, without_time
+from eigenode_cli.reporting import figures
+from eigenode_cli.runs import run as run_module
+from tests.runs.test_run import InterruptedAt, metrics, record, without_time
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "interruptions.py"
 WORDS = (

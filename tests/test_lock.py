@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from eigenode_cli.errors import UserError
-from eigenode_cli.lock import held, locked
-from tests.sweep.helpers import inside
+from eigenode_cli.runs.lock import held, locked
+from tests.batch.helpers import inside
 
 HOLD = (
-    "import sys, pathlib, time; from eigenode_cli.lock import locked\n"
+    "import sys, pathlib, time; from eigenode_cli.runs.lock import locked\n"
     "with locked(pathlib.Path(sys.argv[1])):\n"
     "    print('held', flush=True)\n"
     "    time.sleep(600)\n"

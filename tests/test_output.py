@@ -55,7 +55,7 @@ def test_what_is_only_printed_fails_on_a_full_disk_and_not_on_a_reader_who_has_e
 def test_no_file_gets_the_number_of_a_closed_output(tmp_path: Path) -> None:
     script = (
         "import os, sys\n"
-        "from eigenode_cli.output import lasting_output\n"
+        "from eigenode_cli.commands.output import lasting_output\n"
         "with lasting_output():\n"
         "    file = open('mine', 'w')\n"
         "    print('not for the file')\n"

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from eigenode_cli import OWN_CODE
-from eigenode_cli import run as run_module
 from eigenode_cli.config.compose import compose, typed
-from eigenode_cli.paths import hidden, importable
-from tests.sweep.helpers import BASIC, eigenode, inside
+from eigenode_cli.runs import run as run_module
+from eigenode_cli.runs.paths import hidden, importable
+from tests.batch.helpers import BASIC, eigenode, inside
 from tests.test_damage import InterruptedAt
 
 NAMES = ("random", "queue", "torch", "yaml", "numpy", "logging", "hydra")

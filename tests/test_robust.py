@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_run import metrics, record, train
+from tests.runs.test_run import metrics, record, train
 
 SYSTEMS = {
     "oscillator": ("sol+frq+dmp+stb+osc", 1.0),

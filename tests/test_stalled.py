@@ -7,9 +7,9 @@ import pytest
 
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.reproduce.measures import Result
-from eigenode_cli.reproduce.units import Unit, container, pending
-from tests.sweep.helpers import BASIC, inside, rows
-from tests.test_run import metrics, record
+from eigenode_cli.reproduce.planned_runs import Unit, container, pending
+from tests.batch.helpers import BASIC, inside, rows
+from tests.runs.test_run import metrics, record
 
 UNSOLVABLE = ("system=vdp", "grads=sol", "optimizer=sgd", "optimizer.lr=1", "optimizer.momentum=0.9")
 STUCK = ("system=oscillator", "grads=sol", "optimizer=adam_bfgs", "optimizer.adam_steps=50")

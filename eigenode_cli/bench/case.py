@@ -9,13 +9,13 @@ import numpy as np
 from eigenode_cli.bench import RECIPES
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.data import Data, Floats
+from eigenode_cli.data.dataset import Data, Floats
+from eigenode_cli.data.simulate import targets_of_spectra
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
-from eigenode_cli.field import VectorField, load_flat
-from eigenode_cli.field.mlp import Mlp
-from eigenode_cli.problem import Problem
-from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.engines.problem import Problem
+from eigenode_cli.model import VectorField, load_flat
+from eigenode_cli.model.mlp import Mlp
 from eigenode_cli.solve.settings import AdaptiveSolver
 
 RTOL, ATOL = 1e-3, 1e-6

@@ -8,7 +8,7 @@ import numpy as np
 from eigenode_cli.bench.contestants import OURS, PEERS
 from eigenode_cli.bench.growth import fit_power
 from eigenode_cli.bench.table import number
-from eigenode_cli.figures.style import BORDER_LOOK, entry, house_style, legend_above, new_figure, save
+from eigenode_cli.reporting.figures.style import BORDER_LOOK, entry, house_style, legend_above, new_figure, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,18 +15,18 @@ from torch import Tensor
 from eigenode_cli.bench.case import Case, recipe_config, shape_of, torch_field
 from eigenode_cli.bench.contestants import BareSolve
 from eigenode_cli.bench.measure import Ratio, compare, ratio_of
-from eigenode_cli.combine import COMBINATIONS
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.console import QuietDisplay
-from eigenode_cli.data import Floats
+from eigenode_cli.data.dataset import Floats
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.field import flat_parameters, load_flat
-from eigenode_cli.optimizer import Optimizer
-from eigenode_cli.recorder import Progress, Recorder
-from eigenode_cli.run import DENSE, build
-from eigenode_cli.stages import gradient_scales
+from eigenode_cli.model import flat_parameters, load_flat
+from eigenode_cli.runs.recorder import Progress, Recorder
+from eigenode_cli.runs.run import DENSE, build
 from eigenode_cli.terms import NAMES
-from eigenode_cli.trainer import Stage, Trainer
+from eigenode_cli.training.combine import COMBINATIONS
+from eigenode_cli.training.curriculum import gradient_scales
+from eigenode_cli.training.optimizers import Optimizer
+from eigenode_cli.training.trainer import Stage, Trainer
 
 STANDSTILL = 1e-15
 """Learning rate of steps that are only timed: the weights stay where they are."""

@@ -36,7 +36,7 @@ def bench(args: argparse.Namespace) -> int:
         show(content)
     if folder is not None:
         from eigenode_cli.bench.figure import draw_bench  # noqa: PLC0415
-        from eigenode_cli.recorder import write_json  # noqa: PLC0415
+        from eigenode_cli.runs.recorder import write_json  # noqa: PLC0415
 
         write_json(folder / "bench.json", content)
         for path in (folder / "bench.json", *draw_bench(content, folder)):

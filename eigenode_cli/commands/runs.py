@@ -5,12 +5,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from eigenode_cli.ending import FINAL, FINISHED
+from eigenode_cli.batch.plan import PLAN, quoted, read_plan
 from eigenode_cli.errors import UserError
-from eigenode_cli.lock import locked
-from eigenode_cli.paths import OUTPUTS, importable, is_folder, run_folder
-from eigenode_cli.runfile import Record, flags, read_record
-from eigenode_cli.sweep.plan import PLAN, quoted, read_plan
+from eigenode_cli.runs.lock import locked
+from eigenode_cli.runs.paths import OUTPUTS, importable, is_folder, run_folder
+from eigenode_cli.runs.runfile import Record, flags, read_record
+from eigenode_cli.training.ending import FINAL, FINISHED
 
 
 def resume(args: argparse.Namespace) -> int:
@@ -31,7 +31,7 @@ def resume(args: argparse.Namespace) -> int:
 
         with importable(*([args.config_dir] if args.config_dir else dirs)):
             config = restore(settings)
-            from eigenode_cli import run  # noqa: PLC0415
+            from eigenode_cli.runs import run  # noqa: PLC0415
 
             return run.resume(config, folder, previous)
 
@@ -47,12 +47,12 @@ def plot(args: argparse.Namespace) -> int:
     """Draw a run's figures again, or a sweep's."""
     sweep = _sweep_folder(args.run)
     if sweep is not None:
-        from eigenode_cli.sweep.figure import draw_summary  # noqa: PLC0415
-        from eigenode_cli.sweep.summary import group, read_rows  # noqa: PLC0415
+        from eigenode_cli.batch.figure import draw_summary  # noqa: PLC0415
+        from eigenode_cli.batch.summary import group, read_rows  # noqa: PLC0415
 
         return _tell(draw_summary(sweep, group(read_rows(read_plan(sweep)))), [])
     folder = run_folder(args.run)
-    from eigenode_cli.figures import draw_run  # noqa: PLC0415
+    from eigenode_cli.reporting.figures import draw_run  # noqa: PLC0415
 
     return _tell(*draw_run(folder))
 
@@ -61,11 +61,11 @@ def report(args: argparse.Namespace) -> int:
     """Write a run's page again, or a sweep's."""
     sweep = _sweep_folder(args.run)
     if sweep is not None:
-        from eigenode_cli.sweep.page import write_page  # noqa: PLC0415
+        from eigenode_cli.batch.page import write_page  # noqa: PLC0415
 
         return _tell([write_page(read_plan(sweep))], [])
     folder = run_folder(args.run)
-    from eigenode_cli.report import write_report  # noqa: PLC0415
+    from eigenode_cli.reporting.report import write_report  # noqa: PLC0415
 
     written = write_report(folder)
     return _tell([written.path], written.faults)

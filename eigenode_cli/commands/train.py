@@ -17,20 +17,20 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from eigenode_cli.batch.conduct import conduct
+from eigenode_cli.batch.job import figures_chosen
+from eigenode_cli.batch.launch import launch, launcher_faults, settings_faults, sweeper_faults, workers
+from eigenode_cli.batch.plan import Sweep, default_folder
+from eigenode_cli.config.check import examine, normalise
 from eigenode_cli.config.compose import finalise, typed
 from eigenode_cli.config.composer import VERSION_BASE, Composer, explain, hydra_values, own_flags
-from eigenode_cli.config.examine import examine, normalise
 from eigenode_cli.config.sweep import Job, Kind, examine_sweep, is_hydras, repeated
 from eigenode_cli.cpus import usable_cores
 from eigenode_cli.errors import UserError
-from eigenode_cli.files import WriteError, writing
-from eigenode_cli.lock import LOCK, locked
-from eigenode_cli.paths import CONFIG_DIR, claim_folder, importable, new_folder, restore_variable
-from eigenode_cli.runfile import RUN
-from eigenode_cli.sweep.conduct import conduct
-from eigenode_cli.sweep.job import figures_chosen
-from eigenode_cli.sweep.launch import launch, launcher_faults, settings_faults, sweeper_faults, workers
-from eigenode_cli.sweep.plan import Sweep, default_folder
+from eigenode_cli.runs.atomic import WriteError, writing
+from eigenode_cli.runs.lock import LOCK, locked
+from eigenode_cli.runs.paths import CONFIG_DIR, claim_folder, importable, new_folder, restore_variable
+from eigenode_cli.runs.runfile import RUN
 from eigenode_cli.terms import canonical, split_grads
 
 AUTO = "auto"
@@ -43,7 +43,7 @@ def _job(config: DictConfig) -> int | UserError | WriteError:
 
     An exception would be announced by Hydra, too.
     """
-    from eigenode_cli import run  # noqa: PLC0415  # torch, only once the command line is known to be right
+    from eigenode_cli.runs import run  # noqa: PLC0415  # torch, only once the command line is known to be right
 
     job = HydraConfig.get()
     try:
@@ -198,14 +198,14 @@ def _sweep(args: argparse.Namespace, composer: Composer, checked: _Checked) -> i
     )
     if config.repetitions == 1:
         return conduct(sweep, launch(sweep, composer, config, of_hydra))
-    from eigenode_cli.sweep.repetitions import repeat  # noqa: PLC0415  # torch, as it runs in this process
+    from eigenode_cli.batch.repetitions import repeat  # noqa: PLC0415  # torch, as it runs in this process
 
     return conduct(sweep, lambda pending: repeat(sweep, pending, config))
 
 
 def _dry_run(args: argparse.Namespace, composer: Composer, checked: _Checked) -> int:
     """Say what the command would take, and start nothing."""
-    from eigenode_cli.sweep.cost import show_cost  # noqa: PLC0415  # torch: it measures
+    from eigenode_cli.batch.cost import show_cost  # noqa: PLC0415  # torch: it measures
 
     runs = sum(count for _, count in checked.kinds)
     many = workers(checked.config, runs) if args.multirun else min(runs, usable_cores())

@@ -17,7 +17,7 @@ from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.systems import System
 
 if TYPE_CHECKING:
-    from eigenode_cli.field import VectorField
+    from eigenode_cli.model import VectorField
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def build_field(config: NetworkConfig, states: Floats, rates: Floats, seed: int)
     """
     import torch  # noqa: PLC0415  # seconds, and a command line is checked without it
 
-    from eigenode_cli.field import VectorField  # noqa: PLC0415
+    from eigenode_cli.model import VectorField  # noqa: PLC0415
 
     n = states.shape[1]
     outputs = n // 2 if config.structure == "second_order" else n

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_type_hints
 
+from eigenode_cli.config.check import examine
 from eigenode_cli.config.composer import Composer
-from eigenode_cli.config.examine import examine
 from eigenode_cli.config.plugins import CUSTOM
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.errors import UserError, unknown
-from eigenode_cli.paths import CONFIG_DIR
+from eigenode_cli.runs.paths import CONFIG_DIR
 from eigenode_cli.terms import TERMS
 
 COMPANIONS = {
@@ -24,7 +24,7 @@ COMPANIONS = {
         "system.observed=[nu]",
     ),
     "network=custom": (
-        "network.target=eigenode_cli.field:Polynomial",
+        "network.target=eigenode_cli.model:Polynomial",
         "network.degree=1",
         "network.spread=0.1",
     ),

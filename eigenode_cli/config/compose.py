@@ -7,14 +7,14 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
+from eigenode_cli.config.check import Examined, examine, normalise
 from eigenode_cli.config.composer import Composer, explain, hydra_values
-from eigenode_cli.config.examine import Examined, examine, normalise
 from eigenode_cli.config.plugins import typify
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.structure import structured
 from eigenode_cli.config.values import value_faults
 from eigenode_cli.errors import UserError
-from eigenode_cli.runfile import RUN, RecordError
+from eigenode_cli.runs.runfile import RUN, RecordError
 from eigenode_cli.terms import canonical, split_grads
 
 

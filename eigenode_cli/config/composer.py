@@ -31,7 +31,7 @@ from omegaconf.errors import OmegaConfBaseException
 from eigenode_cli.config.schema import SCHEMAS
 from eigenode_cli.config.structure import Composed, structured
 from eigenode_cli.errors import UserError
-from eigenode_cli.paths import CONFIG_DIR
+from eigenode_cli.runs.paths import CONFIG_DIR
 
 VERSION_BASE = "1.3"
 OURS = {

@@ -51,7 +51,7 @@ def _no_effect(words: list[str]) -> str:
 
 def _lost_pairs(config: DictConfig) -> Iterator[str]:
     """A fault for each stated pair that by the rule for all spectra is none."""
-    from eigenode_cli.reference import stated_spectrum  # noqa: PLC0415  # Numba, only once all else is right
+    from eigenode_cli.data.simulate import stated_spectrum  # noqa: PLC0415  # Numba, only once all else is right
 
     frequency, damping = list(config.target.frequency), list(config.target.damping)
     spectrum, level = stated_spectrum(frequency, damping)
@@ -67,7 +67,7 @@ def _lost_pairs(config: DictConfig) -> Iterator[str]:
 def _truth(config: DictConfig) -> tuple[bool, bool]:
     """Whether any target of the truth has a pair, and whether any has a finite stiffness ratio."""
     from eigenode_cli.config.build import build_system  # noqa: PLC0415  # as above
-    from eigenode_cli.reference import reference_solution, truth_targets  # noqa: PLC0415  # as above
+    from eigenode_cli.data.simulate import reference_solution, truth_targets  # noqa: PLC0415  # as above
 
     settings = config.system
     system = build_system(OmegaConf.to_object(settings))

@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 
-from eigenode_cli.config.constraint import Constraint
 from eigenode_cli.config.schema import (
     MlpConfig,
     NetworkConfig,
@@ -24,6 +23,7 @@ from eigenode_cli.config.schema import (
     SystemConfig,
     VanDerPolConfig,
 )
+from eigenode_cli.config.validators import Constraint
 from eigenode_cli.errors import nearest, unknown
 
 CUSTOM = "custom"
@@ -82,7 +82,7 @@ GROUPS: Mapping[str, Group] = {
     ),
     "network": Group(
         base=NetworkConfig,
-        shipped={"eigenode_cli.field:Mlp": MlpConfig, "eigenode_cli.field:Polynomial": PolynomialConfig},
+        shipped={"eigenode_cli.model:Mlp": MlpConfig, "eigenode_cli.model:Polynomial": PolynomialConfig},
         given=("inputs", "outputs", "generator"),
         interface="torch.nn:Module",
     ),

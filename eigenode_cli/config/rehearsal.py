@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.config.build import build_field, build_system
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.reference import sample, truth_spectra, with_noise
+from eigenode_cli.data.simulate import sample, truth_spectra, with_noise
 from eigenode_cli.terms.user import load_user_terms, value_fault
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from omegaconf import MISSING
 
 from eigenode_cli.config import names
-from eigenode_cli.config.constraint import option
+from eigenode_cli.config.validators import option
 
 
 @dataclass

@@ -13,11 +13,11 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.types import Override
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from eigenode_cli.config.check import Examined, examine_overrides, parse, without_effect
 from eigenode_cli.config.compose import finalise
 from eigenode_cli.config.composer import Composer, hydra_values
-from eigenode_cli.config.examine import Examined, examine_overrides, parse, without_effect
 from eigenode_cli.config.plugins import expanded
-from eigenode_cli.paths import slug
+from eigenode_cli.runs.paths import slug
 
 Words = tuple[str, ...]
 Kind = tuple[DictConfig, int]

@@ -8,12 +8,12 @@ from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 
-from eigenode_cli.config.constraint import constraint_of
 from eigenode_cli.config.plugins import unresolved
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.engines.obstacle import obstacle
+from eigenode_cli.config.validators import constraint_of
+from eigenode_cli.engines.support import obstacle
 from eigenode_cli.errors import nearest, unknown
-from eigenode_cli.paths import hidden
+from eigenode_cli.runs.paths import hidden
 from eigenode_cli.terms import NAMES, split_grads, training_terms
 from eigenode_cli.terms.arguments import arguments_of
 

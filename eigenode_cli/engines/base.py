@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.learner import Rule, learn
 from eigenode_cli.solve.status import SOLVED, Status
+from eigenode_cli.training.update import Rule, learn
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -6,11 +6,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eigenode_cli.data import Targets
+from eigenode_cli.data.dataset import Targets
 from eigenode_cli.engines.base import Advance, Complexes, Evaluation, Floats, LossJacobian, single_step
-from eigenode_cli.field import VectorField, load_flat
-from eigenode_cli.learner import Rule
-from eigenode_cli.problem import Problem
+from eigenode_cli.engines.problem import Problem
+from eigenode_cli.model import VectorField, load_flat
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import Trajectory, solve
 from eigenode_cli.spectra.eig import eigvals
@@ -19,6 +18,7 @@ from eigenode_cli.spectra.pairs import rounding_levels
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
 from eigenode_cli.terms.user import UserTerm
+from eigenode_cli.training.update import Rule
 
 
 @dataclass(frozen=True)

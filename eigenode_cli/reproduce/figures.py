@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eigenode_cli.data import Floats
-from eigenode_cli.figures.convergence import tenth_of_average
-from eigenode_cli.figures.plateaus import plateaus
-from eigenode_cli.figures.solution import DATA_LOOK, reach
-from eigenode_cli.figures.style import (
+from eigenode_cli.data.dataset import Floats
+from eigenode_cli.reporting.figures.convergence import tenth_of_average
+from eigenode_cli.reporting.figures.plateaus import plateaus
+from eigenode_cli.reporting.figures.solution import DATA_LOOK, reach
+from eigenode_cli.reporting.figures.style import (
     BORDER_LOOK,
     TRUTH,
     UNSTABLE,
@@ -38,11 +38,11 @@ from eigenode_cli.figures.style import (
     to_svg,
     warn,
 )
-from eigenode_cli.files import write_table
 from eigenode_cli.reproduce.measures import TEST_FILE, Result
 from eigenode_cli.reproduce.schema import Experiment, FigureSpec
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.verdicts import quantile
+from eigenode_cli.runs.atomic import write_table
 from eigenode_cli.systems.base import State
 from eigenode_cli.terms import NAMES
 

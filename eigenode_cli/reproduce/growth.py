@@ -14,8 +14,8 @@ import numpy as np
 from eigenode_cli.bench.case import oscillating
 from eigenode_cli.bench.growth import PowerLaw, fit_power
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.files import write_json
-from eigenode_cli.reproduce.aftermath import fastest
+from eigenode_cli.reproduce.post_training import fastest
+from eigenode_cli.runs.atomic import write_json
 
 PAIRS = (1, 2, 3, 5, 7, 10, 14, 20, 30, 40, 50)
 """Pairs of states n."""

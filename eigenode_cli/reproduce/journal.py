@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eigenode_cli.data import Floats
-from eigenode_cli.files import write_table, write_text
-from eigenode_cli.paths import OUTPUTS
+from eigenode_cli.data.dataset import Floats
 from eigenode_cli.reproduce.measures import TEST_FILE, Result
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.tables import NOTHING, number
 from eigenode_cli.reproduce.verdicts import quantile
+from eigenode_cli.runs.atomic import write_table, write_text
+from eigenode_cli.runs.paths import OUTPUTS
 
 if TYPE_CHECKING:
     from eigenode_cli.reproduce.growth import GrowthTable

@@ -9,12 +9,12 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import yaml
 
+from eigenode_cli.config.check import Examined, examine, normalise
 from eigenode_cli.config.composer import Composer
-from eigenode_cli.config.constraint import constraint_of
-from eigenode_cli.config.examine import Examined, examine, normalise
+from eigenode_cli.config.validators import constraint_of
 from eigenode_cli.errors import UserError, nearest, unknown
-from eigenode_cli.paths import EXPERIMENT_DIR
 from eigenode_cli.reproduce.schema import ClaimSpec, Experiment, FigureSpec, RunSpec, default_of
+from eigenode_cli.runs.paths import EXPERIMENT_DIR
 
 WORDS = {
     int: "a whole number",

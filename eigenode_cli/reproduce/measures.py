@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eigenode_cli.data import Floats
-from eigenode_cli.ending import FINAL, FINISHED
-from eigenode_cli.records import Metrics, RecordError, Run, Solution, read_run
+from eigenode_cli.data.dataset import Floats
+from eigenode_cli.reproduce.planned_runs import Unit
 from eigenode_cli.reproduce.schema import ClaimSpec
-from eigenode_cli.reproduce.units import Unit
+from eigenode_cli.runs.reader import Metrics, RecordError, Run, Solution, read_run
+from eigenode_cli.training.ending import FINAL, FINISHED
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from eigenode_cli.console import counted, minus
-from eigenode_cli.files import write_text
 from eigenode_cli.reproduce.figures import figure_numbers, svg
 from eigenode_cli.reproduce.journal import tables_of
 from eigenode_cli.reproduce.runs import RunTable, run_tables
@@ -16,12 +15,13 @@ from eigenode_cli.reproduce.schema import Experiment
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.tables import Summary, TextTable, counts, found
 from eigenode_cli.reproduce.verdicts import Verdict
+from eigenode_cli.runs.atomic import write_text
 
 
 def write_page(study: Study, verdicts: Sequence[Verdict], summary: Summary, folder: Path) -> Path:
     """Write `index.html` and give its path; it needs no other file and no network."""
     environment = Environment(
-        loader=PackageLoader("eigenode_cli", "templates"),
+        loader=PackageLoader("eigenode_cli.reporting", "templates"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

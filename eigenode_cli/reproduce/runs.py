@@ -8,12 +8,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from eigenode_cli.data import Floats
-from eigenode_cli.files import write_table
+from eigenode_cli.data.dataset import Floats
 from eigenode_cli.reproduce.journal import quartiles
 from eigenode_cli.reproduce.measures import Result
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.tables import NOTHING, number
+from eigenode_cli.runs.atomic import write_table
 
 HEADER = ("run", "dense error", "% of amplitude", "SOL", "largest real part", "failures", "seeds", "time")
 COLUMNS = (

@@ -8,7 +8,7 @@ from dataclasses import MISSING as NEVER
 from dataclasses import Field, dataclass, field
 from typing import Any
 
-from eigenode_cli.config.constraint import option
+from eigenode_cli.config.validators import option
 
 KINDS = ("solution", "convergence", "stability")
 STATISTICS = ("share", "median")

@@ -13,18 +13,18 @@ from time import perf_counter
 from filelock import FileLock, Timeout
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from eigenode_cli.config.check import examine as examine_words
 from eigenode_cli.config.compose import run_config, typed
 from eigenode_cli.config.composer import Composer
-from eigenode_cli.config.examine import examine as examine_words
 from eigenode_cli.console import counted, duration
-from eigenode_cli.ending import FINAL
 from eigenode_cli.errors import UserError, unknown
-from eigenode_cli.paths import OUTPUTS, slug
 from eigenode_cli.reproduce.library import load, names, run_lines, words_of
 from eigenode_cli.reproduce.measures import Result
+from eigenode_cli.reproduce.planned_runs import Unit, distinct, in_parallel, pending, seeded, train_unit
 from eigenode_cli.reproduce.schema import Experiment
-from eigenode_cli.reproduce.units import Unit, distinct, in_parallel, pending, seeded, train_unit
 from eigenode_cli.reproduce.verdicts import Verdict, judge
+from eigenode_cli.runs.paths import OUTPUTS, slug
+from eigenode_cli.training.ending import FINAL
 
 DEFAULT_PROTOCOL = "paper"
 INTERRUPTED = 130
@@ -168,7 +168,7 @@ def train(study: Study, jobs: int) -> None:
 
 def examine(study: Study, jobs: int) -> None:
     """Measure what the records do not hold: the test of the journal in parallel, times alone and one by one."""
-    from eigenode_cli.reproduce.aftermath import measure_gradient_cost, measure_test, measure_tight  # noqa: PLC0415  # torch
+    from eigenode_cli.reproduce.post_training import measure_gradient_cost, measure_test, measure_tight  # noqa: PLC0415  # torch
 
     tested = [unit for unit in distinct([*study.tabled(), *study.measured("test_sol")]) if unit.status in FINAL]
     with _counter("testing", len(tested)) as done:

@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from eigenode_cli.console import counted
-from eigenode_cli.files import write_json, write_table, write_text
 from eigenode_cli.reproduce.verdicts import FAILS, HOLDS, MIXED, UNDEFINED, Verdict
+from eigenode_cli.runs.atomic import write_json, write_table, write_text
 
 HEADER = ("claim", "place", "expected", "found (quartiles)", "seeds", "failures", "verdict")
 COLORS = {HOLDS: "green", MIXED: "yellow", FAILS: "red", UNDEFINED: "red"}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
-from eigenode_cli.field import VectorField
+from eigenode_cli.model import VectorField
 from eigenode_cli.spectra.jacobian import jacobian
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import FunctionCtx, once_differentiable
 
-from eigenode_cli.data import Data, Targets
+from eigenode_cli.data.dataset import Data, Targets
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.sol import sol
 from eigenode_cli.terms.spectral import spectral_terms

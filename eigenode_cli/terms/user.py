@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from eigenode_cli.engines.base import ArrayTerm, Complexes, Floats
-from eigenode_cli.field import VectorField, load_flat
+from eigenode_cli.model import VectorField, load_flat
 from eigenode_cli.terms.arguments import arguments_of
 
 

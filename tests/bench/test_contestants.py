@@ -4,7 +4,7 @@ import pytest
 from eigenode_cli.bench.agreement import agreement
 from eigenode_cli.bench.case import Case, oscillating, shape_of, torch_field
 from eigenode_cli.bench.contestants import OURS, PEERS, BareSolve, Contestant
-from eigenode_cli.field import flat_parameters
+from eigenode_cli.model import flat_parameters
 from tests.conftest import make_case
 
 IN_TORCH = ("torch", "torchdiffeq", "torchode")

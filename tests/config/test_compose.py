@@ -5,17 +5,17 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from eigenode_cli.combine import COMBINATIONS
 from eigenode_cli.config import catalogue, names
 from eigenode_cli.config.catalogue import shipped_files, validate
 from eigenode_cli.config.compose import compose, restore, typed
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.config.schema import SCHEMAS, CompiledEngineConfig, FixedSolverConfig, PolynomialConfig
 from eigenode_cli.errors import UserError
-from eigenode_cli.field.activations import ACTIVATIONS
-from eigenode_cli.field.init import INITS
+from eigenode_cli.model.activations import ACTIVATIONS
+from eigenode_cli.model.init import INITS
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
 from eigenode_cli.terms.errors import ERRORS
+from eigenode_cli.training.combine import COMBINATIONS
 
 VDP = "eigenode_cli.systems:VanDerPol"
 

@@ -6,14 +6,14 @@ import torch
 
 from eigenode_cli.config.build import build_field
 from eigenode_cli.config.schema import MlpConfig
-from eigenode_cli.data import Data
+from eigenode_cli.data.dataset import Data
+from eigenode_cli.data.simulate import targets_of_spectra
 from eigenode_cli.engines.base import Floats, LossJacobian
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.engines.select import shape_of
+from eigenode_cli.engines.factory import shape_of
+from eigenode_cli.engines.problem import Problem
 from eigenode_cli.engines.torch_engine import TorchEngine
-from eigenode_cli.field import VectorField, flat_parameters
-from eigenode_cli.problem import Problem
-from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.model import VectorField, flat_parameters
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms.peers import derivative_matching, jacobian_norm
@@ -76,7 +76,7 @@ def many_states(n: int, hidden: list[int]) -> tuple[VectorField, Problem]:
     problem = case.problem(data=data, targets=targets_of_spectra(spectra))
     config = MlpConfig(
         name="mlp",
-        target="eigenode_cli.field:Mlp",
+        target="eigenode_cli.model:Mlp",
         structure="second_order",
         hidden=hidden,
         activation="tanh",

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from eigenode_cli.data import Targets
+from eigenode_cli.data.dataset import Targets
+from eigenode_cli.data.simulate import stated_targets, targets_of_spectra
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.engines.select import shape_of
+from eigenode_cli.engines.factory import shape_of
 from eigenode_cli.engines.torch_engine import TorchEngine
-from eigenode_cli.field import flat_parameters
-from eigenode_cli.reference import stated_targets, targets_of_spectra
+from eigenode_cli.model import flat_parameters
 from eigenode_cli.terms import NAMES
 from tests.conftest import make_case
 

@@ -9,8 +9,8 @@ from torch import Tensor, nn
 
 from eigenode_cli.engines.base import Floats
 from eigenode_cli.engines.torch_engine import TorchEngine
-from eigenode_cli.field import VectorField, flat_parameters, load_flat
-from eigenode_cli.field.activations import ACTIVATIONS
+from eigenode_cli.model import VectorField, flat_parameters, load_flat
+from eigenode_cli.model.activations import ACTIVATIONS
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.terms import NAMES

@@ -14,7 +14,7 @@ from eigenode_cli.reproduce.measures import Result
 from eigenode_cli.reproduce.page import write_page
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.tables import Summary
-from tests.test_report import CHROMIUM, PHONE, Page, browser
+from tests.reporting.test_report import CHROMIUM, PHONE, Page, browser
 
 __all__ = ["browser"]
 

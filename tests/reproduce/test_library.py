@@ -6,11 +6,11 @@ import pytest
 
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.errors import UserError
-from eigenode_cli.paths import EXPERIMENT_DIR
 from eigenode_cli.reproduce.library import AT_A_STEP, check_all, load, names, read, words_of
 from eigenode_cli.reproduce.measures import MEASURES, TIMED
 from eigenode_cli.reproduce.schema import MEASURES as NAMES
 from eigenode_cli.reproduce.schema import RunSpec
+from eigenode_cli.runs.paths import EXPERIMENT_DIR
 from tests.reproduce.conftest import EXPERIMENT, write_experiment
 
 PAPER = ("cost", "local_minimum", "network", "oscillator", "sparse_oscillator", "vdp")

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eigenode_cli.records import RecordError
-from eigenode_cli.reproduce.aftermath import measure_tight
 from eigenode_cli.reproduce.measures import MEASURES, Result
+from eigenode_cli.reproduce.post_training import measure_tight
 from eigenode_cli.reproduce.study import Study
+from eigenode_cli.runs.reader import RecordError
 from tests.reproduce.test_verdicts import INF, claim
 
 STEPS = np.arange(0.0, 101.0, 25.0)

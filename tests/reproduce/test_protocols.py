@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eigenode_cli import run
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import AdamConfig, MlpConfig, SequentialConfig, TrainConfig
-from eigenode_cli.stages import gradient_scales
+from eigenode_cli.runs import run
+from eigenode_cli.training.curriculum import gradient_scales
 
 ALL = ("sol", "frq", "dmp", "stb", "osc", "stf")
 

@@ -6,8 +6,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from eigenode_cli.data import Targets
-from eigenode_cli.reference import stated_targets, targets_of_spectra, truth_spectra, truth_targets
+from eigenode_cli.data.dataset import Targets
+from eigenode_cli.data.simulate import stated_targets, targets_of_spectra, truth_spectra, truth_targets
 from eigenode_cli.spectra.pairs import ROUNDING, assign_rows, find_partners, rounding_levels, without_rounding
 from eigenode_cli.systems import Oscillator
 from eigenode_cli.terms.torch_terms import spectral_values

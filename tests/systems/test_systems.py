@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eigenode_cli.config.plugins import GROUPS, load_class
-from eigenode_cli.reference import (
+from eigenode_cli.data.simulate import (
     reference_solution,
     sample,
     stated_targets,

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
-from eigenode_cli.data import Data, Targets
-from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.data.dataset import Data, Targets
+from eigenode_cli.data.simulate import targets_of_spectra
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values

@@ -6,9 +6,9 @@ import torch
 
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.data import Data
-from eigenode_cli.field import flat_parameters
-from eigenode_cli.run import build
+from eigenode_cli.data.dataset import Data
+from eigenode_cli.model import flat_parameters
+from eigenode_cli.runs.run import build
 from eigenode_cli.terms.arguments import arguments_of
 from eigenode_cli.terms.peers import EDGE, derivative_matching, jacobian_norm, smoothed
 from eigenode_cli.terms.user import TermFailed, load_user_terms, user_term

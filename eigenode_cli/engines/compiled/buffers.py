@@ -16,7 +16,7 @@ from eigenode_cli.engines.compiled.memory import LINE, address, aligned, whole_l
 from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
 from eigenode_cli.engines.compiled.pullback import Bars
 from eigenode_cli.engines.compiled.spectrum import Eigen
-from eigenode_cli.problem import REACH, Problem
+from eigenode_cli.engines.problem import REACH, Problem
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.terms import NAMES
 

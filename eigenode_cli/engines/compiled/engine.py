@@ -19,19 +19,19 @@ from eigenode_cli.engines.base import (
     unheard,
 )
 from eigenode_cli.engines.compiled import kernel
-from eigenode_cli.engines.compiled.apart import compile_apart
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
 from eigenode_cli.engines.compiled.cached import not_ready
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, Method
 from eigenode_cli.engines.compiled.mlp import MlpShape
+from eigenode_cli.engines.compiled.subprocess_compile import compile_apart
+from eigenode_cli.engines.problem import Problem
 from eigenode_cli.jit import PLAIN
-from eigenode_cli.learner import Rule
-from eigenode_cli.problem import Problem
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TABLEAUS
 from eigenode_cli.solve.times import checked_times, fixed_step_count
 from eigenode_cli.terms import NAMES
+from eigenode_cli.training.update import Rule
 
 SENSITIVITIES = ("auto", "adjoint", "forward")
 FIRST_CAPACITY = 256

@@ -16,9 +16,9 @@ from eigenode_cli.engines.compiled.memory import booleans, carray, complexes, do
 from eigenode_cli.engines.compiled.mlp import mirror_weights, unpack_gradient
 from eigenode_cli.engines.compiled.pullback import adjoint, forward_sensitivities, gather_rows
 from eigenode_cli.jit import njit, njit_inner
-from eigenode_cli.learner import learn
 from eigenode_cli.terms.sol import sol
 from eigenode_cli.terms.spectral import SOL, spectral_terms
+from eigenode_cli.training.update import learn
 
 
 @njit

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from eigenode_cli.data import Data
+from eigenode_cli.data.dataset import Data
+from eigenode_cli.data.simulate import targets_of_spectra
 from eigenode_cli.engines.compiled.mlp import MlpShape
-from eigenode_cli.problem import Problem
-from eigenode_cli.reference import targets_of_spectra
+from eigenode_cli.engines.problem import Problem
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.terms import NAMES

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from eigenode_cli.combine import SEQUENTIAL
 from eigenode_cli.config.schema import AdamConfig
 from eigenode_cli.engines.base import single_step
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.learner import Rule, build_rule
-from eigenode_cli.optimizer import Optimizer
-from eigenode_cli.problem import Problem
+from eigenode_cli.engines.problem import Problem
 from eigenode_cli.solve.status import Status
+from eigenode_cli.training.combine import SEQUENTIAL
+from eigenode_cli.training.optimizers import Optimizer
+from eigenode_cli.training.update import Rule, build_rule
 from tests.engines.compiled import oracle
 
 RATES = np.linspace(1e-2, 1e-3, 12)

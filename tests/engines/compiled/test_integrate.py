@@ -7,9 +7,9 @@ from torchdiffeq._impl.misc import _rms_norm, _select_initial_step
 
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
-from eigenode_cli.engines.select import shape_of
+from eigenode_cli.engines.factory import shape_of
 from eigenode_cli.engines.torch_engine import TorchEngine
-from eigenode_cli.field import flat_parameters
+from eigenode_cli.model import flat_parameters
 from eigenode_cli.solve.status import Status
 from tests.conftest import make_case
 from tests.engines.compiled import oracle

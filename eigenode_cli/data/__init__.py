@@ -1,0 +1,1 @@
+"""Data: what was observed, what is known, and how it is simulated."""

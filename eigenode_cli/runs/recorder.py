@@ -1,0 +1,236 @@
+"""What a run writes into its folder, so that everything later (figures, report, resume) needs the folder alone."""
+
+import csv
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+
+from eigenode_cli.data.dataset import Data, Floats
+from eigenode_cli.engines.base import Evaluation
+from eigenode_cli.runs.atomic import cell, make_folder, write_bytes, write_json, write_table, write_text, writing
+from eigenode_cli.runs.runfile import RecordError
+from eigenode_cli.terms import NAMES
+
+COLUMNS = ("step", "train_seconds", "lr", *NAMES, "max_real", "n_accepted", "n_rejected", "status", "dense_error")
+"""Columns of metrics.csv; the user's own terms follow behind."""
+OPTIMIZER = "optimizer."
+"""What the optimizer's arrays are named in last.safetensors, before their own names."""
+METRICS = "metrics.csv"
+LAST = "checkpoints/last.safetensors"
+ANYWAY = f"move {METRICS} away to go on without the records so far"
+
+
+@dataclass
+class Progress:
+    """Where a training stands, besides its parameters and the optimizer's state."""
+
+    step: int = 0
+    train_seconds: float = 0.0
+    unsolvable_steps: int = 0
+    """Steps whose solve failed."""
+    unsolvable_since: int | None = None
+    """First step of the failures that go on now, None while solves succeed."""
+    guard_count: int = 0
+    """Eigenvalue sensitivities that the condition guard has bounded so far."""
+    wall_seconds: float = 0.0
+    """Time since the start of the run, without the time that it lay interrupted."""
+    first_sol: float | None = None
+    """SOL before the first step, None where that solve failed."""
+    converged_at: int | None = None
+    """Step from which on nothing changes since the terms have no lower point, None while something does."""
+    ended: tuple[str, str] | None = None
+    """Status and reason of a training that ended before its last step."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A copy of everything that the rest of a training depends on, taken between two steps.
+
+    Attributes:
+        progress: where the training stands.
+        theta: parameters `(P,)`.
+        optimizer: the optimizer's state by name.
+        random_state: of torch: a user's term may draw.
+    """
+
+    progress: Progress
+    theta: Floats
+    optimizer: dict[str, Floats]
+    random_state: torch.Tensor
+
+    @classmethod
+    def take(cls, progress: Progress, theta: Floats, optimizer: dict[str, Floats]) -> "Snapshot":
+        """A copy of these and of torch's random state."""
+        arrays = {name: array.copy() for name, array in optimizer.items()}
+        return cls(replace(progress), theta.copy(), arrays, torch.get_rng_state())
+
+    def restore(self, theta: Floats, optimizer: dict[str, Floats]) -> None:
+        """Put the copy back: into these arrays, and into torch's random state."""
+        theta[:] = self.theta
+        for name, array in optimizer.items():
+            array[:] = self.optimizer[name]
+        torch.set_rng_state(self.random_state)
+
+    def repeats(self, other: "Snapshot") -> bool:
+        """Whether a step from here has to do what one from `other` did: all is the same but the progress."""
+        return (
+            np.array_equal(self.theta, other.theta)
+            and all(np.array_equal(array, other.optimizer[name]) for name, array in self.optimizer.items())
+            and torch.equal(self.random_state, other.random_state)
+        )
+
+
+class Recorder:
+    """Writes metrics.csv and the checkpoints of one run.
+
+    Args:
+        folder: the run's folder.
+        names: all terms in the order of `Evaluation.values`.
+        truth: the truth's first state at the dense times `(D,)`.
+    """
+
+    def __init__(self, folder: Path, names: Sequence[str], truth: Floats) -> None:
+        self.folder = folder
+        self.names = tuple(names)
+        self._truth = truth
+        self._checkpoints = folder / "checkpoints"
+        make_folder(self._checkpoints)
+        self._file: TextIO | None = None
+
+    @property
+    def _metrics(self) -> Path:
+        return self.folder / METRICS
+
+    def open(self, resume_from: int | None) -> None:
+        """Start metrics.csv, or cut it behind the step that the training is resumed from and go on there."""
+        header = metrics_header(self.names)
+        lines = [header, *([] if resume_from is None else complete_rows(self.folder, header, resume_from))]
+        write_text(self._metrics, "\n".join(lines) + "\n")
+        with writing(self._metrics):
+            self._file = self._metrics.open("a", newline="")  # held open for the whole training
+
+    def close(self) -> None:
+        """Close metrics.csv."""
+        if self._file is not None:
+            with suppress(OSError):  # each row was flushed; one that could not be has said so
+                self._file.close()
+            self._file = None
+
+    def record(self, progress: Progress, lr: float, evaluation: Evaluation) -> dict[str, Any]:
+        """Append one row to metrics.csv and return it."""
+        losses = dict(zip(self.names, (float(value) for value in evaluation.values), strict=True))
+        real = evaluation.spectra.real
+        row: dict[str, Any] = {
+            "step": progress.step,
+            "train_seconds": round(progress.train_seconds, 6),
+            "lr": lr,
+            **{name: losses[name] for name in NAMES},
+            "max_real": float(np.nanmax(real)) if np.isfinite(real).any() else float("nan"),
+            "n_accepted": evaluation.n_accepted,
+            "n_rejected": evaluation.n_rejected,
+            "status": evaluation.status.label,
+            "dense_error": float(np.mean(np.abs(evaluation.dense[:, 0] - self._truth))),
+            **{name: losses[name] for name in self.names if name not in NAMES},
+        }
+        if self._file is None:
+            raise RuntimeError("the recorder is not open")
+        with writing(self._metrics):
+            csv.writer(self._file, lineterminator="\n").writerow([cell(value) for value in row.values()])
+            self._file.flush()
+        return row
+
+    def checkpoint(self, step: int, network: dict[str, torch.Tensor]) -> Path:
+        """Write the network's float64 state_dict as `checkpoints/step-NNNNNN.safetensors`; returns its path."""
+        path = self._checkpoints / f"step-{step:06d}.safetensors"
+        write_bytes(path, save(_plain(network), metadata={"step": str(step)}))
+        return path
+
+    def save_last(self, snapshot: Snapshot, network: dict[str, torch.Tensor]) -> None:
+        """Write what resume needs, and beside it the network as `checkpoint` writes it, under the same names.
+
+        `last.safetensors` is the one that counts: the JSON stands in its header too, so that a kill between the two
+        files can't leave a pair that does not belong together.
+        """
+        tensors = {"theta": torch.from_numpy(snapshot.theta), "random_state": snapshot.random_state}
+        tensors |= {f"{OPTIMIZER}{name}": torch.from_numpy(array) for name, array in snapshot.optimizer.items()}
+        tensors |= _plain(network)
+        state = vars(snapshot.progress)
+        header = {"progress": json.dumps(state)}
+        path = self.folder / LAST
+        write_bytes(path, save(tensors, metadata=header))
+        write_json(self._checkpoints / "last.json", state)
+
+
+def metrics_header(names: Sequence[str]) -> str:
+    """First line of metrics.csv; `names` are all terms."""
+    return ",".join([*COLUMNS, *(name for name in names if name not in NAMES)])
+
+
+def complete_rows(folder: Path, header: str, before: int) -> list[str]:
+    """The rows of metrics.csv of the steps before one; the last row may have been cut off.
+
+    Raises:
+        RecordError: a line is damaged; the message names it.
+    """
+    path = folder / METRICS
+    if not path.exists():
+        return []
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{METRICS}: cannot be read ({error}); {ANYWAY}") from error
+    complete = [line.rstrip("\n") for line in lines if line.endswith("\n")]
+    if complete[:1] not in ([], [header]):
+        raise RecordError(f"{METRICS}, line 1: not the columns of this run; {ANYWAY}")
+    rows = []
+    for number, row in enumerate(complete[1:], start=2):
+        cells = row.split(",")
+        if not cells[0].isdecimal() or len(cells) != header.count(",") + 1:
+            raise RecordError(f"{METRICS}, line {number}: not a row of this run; {ANYWAY}")
+        if int(cells[0]) < before:
+            rows.append(row)
+    return rows
+
+
+def load_last(folder: Path) -> tuple[Progress, Floats, dict[str, Floats]] | None:
+    """Progress, parameters `(P,)` and optimizer state as `save_last` wrote them; None where nothing was saved yet.
+
+    Sets torch's random state to the saved one.
+
+    Raises:
+        RecordError: it is damaged.
+    """
+    path = folder / LAST
+    if not path.exists():
+        return None
+    try:
+        with safe_open(path, framework="pt") as file:
+            progress = Progress(**json.loads(file.metadata()["progress"]))
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a dict
+        torch.set_rng_state(tensors.pop("random_state"))
+        theta = tensors.pop("theta").numpy().copy()
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+        raise RecordError(f"{LAST}: cannot be read ({type(error).__name__}: {error}); start the run again") from error
+    named = {name: tensor for name, tensor in tensors.items() if name.startswith(OPTIMIZER)}
+    optimizer = {name.removeprefix(OPTIMIZER): tensor.numpy().copy() for name, tensor in named.items()}
+    return progress, theta, optimizer
+
+
+def _plain(network: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """The tensors of a state_dict as a file takes them."""
+    return {name: tensor.detach().contiguous() for name, tensor in network.items()}
+
+
+def write_data(folder: Path, states: Sequence[str], data: Data) -> None:
+    """Write data.csv: the observations that SOL compares, empty where a state is not observed."""
+    observed = np.where(data.mask, data.states, np.nan)
+    rows = np.column_stack([data.times, observed]).tolist()
+    write_table(folder / "data.csv", ["t", *states], rows)

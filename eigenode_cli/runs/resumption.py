@@ -1,0 +1,50 @@
+"""What a run is resumed from: checked like a command before anything in its folder is changed."""
+
+from pathlib import Path
+
+import numpy as np
+
+from eigenode_cli.config.build import build_field
+from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.model import flat_parameters
+from eigenode_cli.runs.recorder import LAST, complete_rows, load_last
+from eigenode_cli.runs.runfile import RUN, RecordError
+from eigenode_cli.training.optimizers import build_optimizer
+
+
+def check_saved(config: TrainConfig, folder: Path, columns: str) -> None:
+    """Refuse what was saved last of a run where it is damaged, or does not go with the configuration.
+
+    Args:
+        config: of the run.
+        folder: the run's.
+        columns: first line of its metrics.csv.
+
+    Raises:
+        RecordError: the message names file, key and value.
+    """
+    saved = load_last(folder)
+    if saved is None:
+        return
+    progress, theta, state = saved
+    steps = config.trainer.steps
+    if progress.step > steps:
+        raise RecordError(f"{RUN}: config.trainer.steps={steps}: {LAST} is of step {progress.step}; at least that many")
+    expected = _parameters(config)
+    if theta.shape != (expected,):
+        hidden = getattr(config.network, "hidden", None)
+        shown = f"config.network.name={config.network.name}" if hidden is None else f"config.network.hidden={hidden}"
+        raise RecordError(f"{RUN}: {shown}: makes {expected} parameters, {LAST} holds {theta.size}")
+    needed = {name: array.shape for name, array in build_optimizer(config.optimizer, expected).state().items()}
+    if {name: array.shape for name, array in state.items()} != needed:
+        raise RecordError(
+            f"{RUN}: config.optimizer.name={config.optimizer.name}: needs {', '.join(needed)}, {LAST} holds"
+            f" {', '.join(state) or 'nothing'}"
+        )
+    complete_rows(folder, columns, progress.step)
+
+
+def _parameters(config: TrainConfig) -> int:
+    """Number of parameters P of the run's field."""
+    state = np.array([config.system.initial_state], dtype=np.float64)
+    return flat_parameters(build_field(config.network, state, state, config.seed)).size

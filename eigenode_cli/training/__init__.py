@@ -1,0 +1,1 @@
+"""Training: stages, updates, optimizers, the loop."""

@@ -1,0 +1,338 @@
+"""The training loop: loss Jacobian, combination, optimizer, record. It knows nothing of engines, systems or files."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from eigenode_cli.config.schema import TrainerConfig
+from eigenode_cli.console import Display, duration
+from eigenode_cli.data.dataset import Floats
+from eigenode_cli.engines.base import Engine
+from eigenode_cli.interruption import check
+from eigenode_cli.runs.recorder import Progress, Recorder, Snapshot
+from eigenode_cli.solve.status import SOLVED, Status
+from eigenode_cli.training.ending import DIVERGED, RUNNING, SMALLER, STALLED, Ending, judge
+from eigenode_cli.training.optimizers import AdamBfgs, Optimizer
+from eigenode_cli.training.total_loss import Objective, stationary
+from eigenode_cli.training.update import Rule, build_rule, learn
+
+SAVE_SECONDS = 5.0
+"""Longest time that a kill can cost: what resume needs is also saved this often between the checkpoints."""
+BREATH_SECONDS = 0.25
+"""About the longest time that an engine trains by itself: meanwhile nobody can interrupt it."""
+
+STABLER = "another seed, or trainer.on_unsolvable=stabilise with stb in grads, may help"
+SMOOTHER = "a smaller solver.rtol makes the terms smoother, optimizer=adam needs no smoothness"
+"""What the user can do."""
+
+
+class Unsolvable(Exception):
+    """A solve failed and `trainer.on_unsolvable=stop` asks the run to end."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Training steps that one engine takes.
+
+    Attributes:
+        first: number of the first of them; the stage lasts to that of the next one.
+        engine: computes the loss Jacobian of L terms.
+        scales: factor of each of these terms' gradients `(L,)`.
+    """
+
+    first: int
+    engine: Engine
+    scales: Floats
+
+
+@dataclass
+class Trainer:
+    """One training.
+
+    Attributes:
+        engine: evaluates the terms over the whole horizon for the record.
+        stages: what trains, one after another; the first begins at step 0.
+        optimizer: takes the updates.
+        combination: how several gradients become updates, a code of `combine`.
+        terms: names of those whose losses the display shows.
+        config: steps, records, checkpoints, what to do when a solve fails.
+        recorder: writes records and checkpoints.
+        display: shows progress.
+        dense_times: times in s at which `dense_error` compares `(D,)`.
+        theta: parameters `(P,)`, changed in place.
+        network: the network's tensors at given parameters, for checkpoints.
+        progress: where the training stands.
+        zero_sol: SOL of a model that stays at zero, NaN where SOL does not train: what a diverged one is compared with.
+        wall: seconds since the start of the run.
+        ending: how it ended, once it has.
+    """
+
+    engine: Engine
+    stages: Sequence[Stage]
+    optimizer: Optimizer
+    combination: int
+    terms: tuple[str, ...]
+    config: TrainerConfig
+    recorder: Recorder
+    display: Display
+    dense_times: Floats
+    theta: Floats
+    network: Callable[[Floats], dict[str, Any]]
+    progress: Progress
+    zero_sol: float = math.nan
+    wall: Callable[[], float] = perf_counter
+    ending: Ending = field(default=Ending(RUNNING), init=False)
+    _rules: list[Rule] = field(init=False)
+    _objective: Objective | None = field(default=None, init=False)
+    _committed: Snapshot = field(init=False)
+    _solvable: Snapshot | None = field(default=None, init=False)
+    """The last committed state whose solve did not fail."""
+    _still: tuple[int, bool] | None = field(default=None, init=False)
+    """Part of the training in which nothing changes any more, from step `_still_since` on."""
+    _still_since: int = field(default=0, init=False)
+    _pace: tuple[int, float] = field(default=(-1, 0.0), init=False)
+    """Stage of the last steps that an engine took by itself, and seconds of one."""
+    _guards: int = field(default=0, init=False)
+    """How often the guard fired in the last step."""
+
+    def __post_init__(self) -> None:
+        self._rules = [build_rule(self.combination, stage.scales, self.optimizer) for stage in self.stages]
+
+    def run(self) -> dict[str, Any]:
+        """Train to the end and return its record; `ending` says how that was.
+
+        An interruption, wherever it comes, saves the state between two steps that was reached last.
+
+        Raises:
+            Unsolvable: a solve failed under `on_unsolvable=stop`. Everything up to then is recorded.
+        """
+        last: dict[str, Any] = {}
+        saved_at = perf_counter()
+        self._commit()
+        try:
+            while True:
+                check()
+                step = self.progress.step
+                final = self.progress.ended is not None or step == self.config.steps
+                if final or step % self.config.record_every == 0:
+                    last = self._record()
+                if final or step % self.config.checkpoint_every == 0:
+                    self.recorder.checkpoint(step, self.network(self.theta))
+                if final or step % self.config.checkpoint_every == 0 or perf_counter() - saved_at > SAVE_SECONDS:
+                    self._save()
+                    saved_at = perf_counter()
+                if final:
+                    self.ending = self._judge(last)
+                    return last
+                self._advance()
+        except KeyboardInterrupt:
+            self._roll_back()
+            self._save()
+            raise
+
+    def _advance(self) -> None:
+        """Training steps up to the next event at most; where one changes nothing, all up to the event are as good."""
+        start, event = self.progress.step, self._event_after(self.progress.step)
+        part = self._part(start)
+        if self._still != part:
+            self._take_steps(start, event)
+            if not np.isfinite(self.theta).all():
+                self._skip_to(self._event_after(self.progress.step - 1))
+                self._end(DIVERGED, f"the parameters are not finite any more; {SMALLER}")
+                return
+            reached = self._snapshot()
+            if not reached.repeats(self._committed):
+                self._committed = reached
+                return
+            self._still, self._still_since = part, start
+        self._skip_to(event)
+        if self._event_after(start - 1) == start and self._part(self.config.steps - 1) == part:
+            self._settle(part[0])
+        self._commit()
+
+    def _take_steps(self, start: int, event: int) -> None:
+        """Training steps from `start` on, not beyond `event`; they change the working state, not the committed one."""
+        number, searching = self._part(start)
+        if searching and isinstance(self.optimizer, AdamBfgs):
+            first = self._descend(number, self.optimizer)
+        else:
+            first = self._learn(number, start, event)
+        if first in SOLVED:
+            self._solvable = self._committed
+
+    def _learn(self, number: int, start: int, event: int) -> Status:
+        """Steps that the engine takes by itself; returns how the first solve ended."""
+        engine, config = self.stages[number].engine, self.config
+        known, pace = self._pace
+        steps = max(1, int(BREATH_SECONDS / pace)) if known == number and pace > 0.0 else 1
+        rates = np.array([self.optimizer.lr(k) for k in range(start, min(event, start + steps))])
+        clock = perf_counter() - engine.compile_seconds
+        taken = engine.advance(self.theta, self._rules[number], rates, config.on_unsolvable == "stop")
+        spent, count = perf_counter() - engine.compile_seconds - clock, taken.statuses.size
+        self._pace = (number, spent / count)
+        self.progress.train_seconds += spent
+        self._count_guards(taken.guard_count, count)
+        first = Status(int(taken.statuses[0]))
+        if self.progress.unsolvable_since is None and SOLVED.issuperset(taken.statuses.tolist()):
+            self.progress.step += count  # nothing to say of any step: the loop below holds the GIL
+            return first
+        for status, values in zip(taken.statuses.tolist(), taken.values, strict=True):
+            self._note_status(Status(status), values)
+            self.progress.step += 1
+        return first
+
+    def _descend(self, number: int, optimizer: AdamBfgs) -> Status:
+        """One iteration of BFGS on the sum of a stage's terms; where a solve fails, Adam's update of the rest."""
+        stage, step = self.stages[number], self.progress.step
+        if step > 0 and self._stage(step - 1) != number:
+            optimizer.bfgs.restart()
+        if self._objective is None or self._objective.engine is not stage.engine:
+            self._objective = Objective(stage.engine, stage.scales)
+        start = perf_counter() - stage.engine.compile_seconds
+        here = self._objective.at(self.theta)
+        self._note_status(here.jacobian.status, here.jacobian.values)
+        if math.isfinite(here.value):
+            optimizer.bfgs.step(self.theta, here, self._objective.at)
+        else:
+            optimizer.bfgs.restart()
+            learn(self._rules[number], self.theta, here.jacobian.gradients, optimizer.adam_lr(step))
+        self.progress.step += 1
+        self._count_guards(here.jacobian.guard_count, 1)
+        self.progress.train_seconds += perf_counter() - stage.engine.compile_seconds - start
+        return here.jacobian.status
+
+    def _count_guards(self, fired: int, steps: int) -> None:
+        self.progress.guard_count += fired
+        self._guards = fired // steps
+
+    def _skip_to(self, step: int) -> None:
+        """Count the steps up to `step`, which would all be as the last one was."""
+        progress, skipped = self.progress, step - self.progress.step
+        progress.step = step
+        progress.guard_count += skipped * self._guards
+        progress.unsolvable_steps += skipped * (progress.unsolvable_since is not None)
+
+    def _settle(self, number: int) -> None:
+        """Nothing will change any more: the terms are as low as they get here, or the training is stuck."""
+        if self.progress.converged_at is not None:
+            return
+        stage, since = self.stages[number], self._still_since
+        here = Objective(stage.engine, stage.scales).at(self.theta)
+        status, size = here.jacobian.status, max(here.value, self._size(stage))
+        if status not in SOLVED:
+            advice = SMALLER if self.progress.first_sol is not None else STABLER
+            self._end(STALLED, f"from step {since} on the solve fails ({status.label}) and no gradient acts; {advice}")
+        elif not np.isfinite(here.gradient).all():
+            self._end(DIVERGED, f"from step {since} on no gradient is finite; {SMALLER}")
+        elif stationary(here.gradient, self.theta, size):
+            self.progress.converged_at = since
+            self.display.say(f"step {since}: converged, nothing changes from here on")
+        else:
+            self._end(STALLED, f"from step {since} on BFGS finds no lower point, though there is a slope; {SMOOTHER}")
+
+    def _size(self, stage: Stage) -> float:
+        """Scaled SOL of a model that stays at zero, which is how large the data are; 0 where SOL does not train."""
+        return 0.0 if math.isnan(self.zero_sol) else float(stage.scales[0]) * self.zero_sol
+
+    def _end(self, status: str, reason: str) -> None:
+        """End the training before its last step; the last weights that could be solved become a checkpoint."""
+        kept = self._solvable
+        if self.progress.unsolvable_since is not None and kept is not None:
+            path = self.recorder.checkpoint(kept.progress.step, self.network(kept.theta))
+            reason = f"{reason}; the last weights that could be solved are in checkpoints/{path.name}"
+        self.progress.ended = (status, reason)
+        self._commit()
+
+    def _judge(self, last: dict[str, Any]) -> Ending:
+        if self.progress.ended is not None:
+            return Ending(*self.progress.ended)
+        solve = None if last["status"] == Status.OK.label else str(last["status"])
+        return judge(self.progress.first_sol, last["sol"], solve, self.zero_sol)
+
+    def _commit(self) -> None:
+        """Take the working state as the one that an interruption goes back to."""
+        self._committed = self._snapshot()
+
+    def _snapshot(self) -> Snapshot:
+        self.progress.wall_seconds = self.wall()
+        return Snapshot.take(self.progress, self.theta, self.optimizer.state())
+
+    def _roll_back(self) -> None:
+        """Undo whatever an interrupted step has changed."""
+        self._committed.restore(self.theta, self.optimizer.state())
+        self.progress, self._objective = self._committed.progress, None
+
+    def _part(self, step: int) -> tuple[int, bool]:
+        """Number of the stage that a step belongs to, and whether BFGS takes it."""
+        return self._stage(step), step >= self._switch
+
+    @property
+    def _switch(self) -> int:
+        """Number of the first step of BFGS; beyond the last one for other optimizers."""
+        return self.optimizer.switch if isinstance(self.optimizer, AdamBfgs) else self.config.steps
+
+    def _event_after(self, step: int) -> int:
+        """The next step before which something is written or changes; the first is one."""
+        config = self.config
+        periods = (config.record_every, config.checkpoint_every)
+        ahead = [config.steps, self._switch, *(stage.first for stage in self.stages)]
+        return min(event for event in (*ahead, *(step - step % k + k for k in periods)) if event > step)
+
+    def _stage(self, step: int) -> int:
+        """Number of the stage that a step belongs to: by the step alone, so that resuming is safe."""
+        return max(number for number, stage in enumerate(self.stages) if stage.first <= step)
+
+    def _note_status(self, status: Status, values: Floats) -> None:
+        """Count failed solves, and say when they begin and when the field is solvable again."""
+        progress, step = self.progress, self.progress.step
+        if status in SOLVED:
+            if progress.unsolvable_since is not None:
+                self.display.say(
+                    f"step {step}: solvable again after {step - progress.unsolvable_since} steps of stabilisation"
+                )
+                progress.unsolvable_since = None
+            return
+        progress.unsolvable_steps += 1
+        if self.config.on_unsolvable == "stop":
+            raise Unsolvable(
+                f"the solve failed ({status.label}) at step {step}; "
+                "trainer.on_unsolvable=stabilise trains on without SOL until it succeeds"
+            )
+        if progress.unsolvable_since is None:
+            progress.unsolvable_since = step
+            self.display.say(f"step {step}: the solve failed ({status.label}); {self._remedy(values)}")
+
+    def _remedy(self, values: Floats) -> str:
+        if self.config.on_unsolvable == "skip":
+            return "trainer.on_unsolvable=skip leaves the parameters as they are"
+        if not np.isfinite(values).any():
+            return "no spectral term is named in grads, so nothing can stabilise it"
+        return "SOL is skipped, the spectral terms go on until it succeeds"
+
+    def _record(self) -> dict[str, Any]:
+        row = self.recorder.record(
+            self.progress, self.optimizer.lr(self.progress.step), self.engine.evaluate(self.theta, self.dense_times)
+        )
+        done = self.progress.step
+        if done == 0 and row["status"] == Status.OK.label:
+            self.progress.first_sol = row["sol"]
+        rate = self.progress.train_seconds / done if done else None
+        self.display.record(done, {name: row[name] for name in self.terms}, rate)
+        return row
+
+    def _save(self) -> None:
+        self.recorder.save_last(self._committed, self.network(self._committed.theta))
+
+
+def summary(row: dict[str, Any], progress: Progress) -> str:
+    """The result of a run in one line."""
+    parts = [f"sol {row['sol']:.4g}", f"dense error {row['dense_error']:.4g}", f"max real {row['max_real']:.3g} 1/s"]
+    if progress.unsolvable_steps:
+        parts.append(f"{progress.unsolvable_steps} unsolvable steps")
+    if progress.converged_at is not None:
+        parts.append(f"converged at step {progress.converged_at}")
+    return ", ".join(parts) + f" after {progress.step} steps in {duration(progress.train_seconds)}"
