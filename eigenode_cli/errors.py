@@ -28,10 +28,11 @@ def nearest_first(name: str, options: Iterable[str]) -> list[str]:
 
 def nearest(name: str, options: Iterable[str]) -> str | None:
     """The option that `name` was probably meant to be, or None."""
-    close = difflib.get_close_matches(name.lower(), list(options), n=1, cutoff=LEAST)
+    spelt = {option.lower(): option for option in options}
+    close = difflib.get_close_matches(name.lower(), list(spelt), n=1, cutoff=LEAST)
     if close and close[0][:1] != name[:1].lower():
         close = difflib.get_close_matches(name.lower(), close, cutoff=OTHERWISE)
-    return close[0] if close else None
+    return spelt[close[0]] if close else None
 
 
 def unknown(kind: str, name: str, options: Iterable[str]) -> str:

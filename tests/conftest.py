@@ -1,6 +1,7 @@
 """Small problems that several tests share."""
 
 import logging
+import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -15,6 +16,9 @@ from eigenode_cli.model import VectorField
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
 from eigenode_cli.systems import Oscillator, System, VanDerPol
 from eigenode_cli.terms import NAMES
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background job; some tests press Ctrl-C
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)

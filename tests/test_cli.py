@@ -13,7 +13,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 import yaml
 
-import eigenode_cli
+import eigenode_cli.runs
 from eigenode_cli import __version__
 from eigenode_cli.cli import BLAS_THREADS, COMMANDS, main
 from eigenode_cli.commands import configs
@@ -49,7 +49,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
 
     module.train = train  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "eigenode_cli.runs.run", module)
-    monkeypatch.setattr(eigenode_cli, "run", module, raising=False)
+    monkeypatch.setattr(eigenode_cli.runs, "run", module, raising=False)
     monkeypatch.chdir(tmp_path)
     return recorded
 
@@ -141,7 +141,7 @@ def test_calls_leave_the_process_as_it_was(runs: Runs) -> None:
 def test_own_configs_and_own_code(runs: Runs, tmp_path: Path) -> None:
     (tmp_path / "mine" / "system").mkdir(parents=True)
     (tmp_path / "mine" / "system" / "mild.yaml").write_text("# Mild\ndefaults: [vdp, _self_]\nmu: 0.1\n")
-    (tmp_path / "mine" / "cli_test_terms.py").write_text("def far(*_):\n    return 0.0\n")
+    (tmp_path / "mine" / "cli_test_terms.py").write_text("import torch\n\n\ndef far(*_):\n    return torch.zeros(())\n")
     words = ["train", "--config-dir", "mine", "system=mild", "+terms.far=cli_test_terms:far", "grads=far+sol"]
     assert main(words) == 0
     [(config, folder)] = runs
@@ -309,7 +309,7 @@ def test_no_heavy_import_before_everything_is_checked(words: list[str], tmp_path
 
 def test_sigterm_interrupts(tmp_path: Path) -> None:
     script = (
-        "import os, signal, sys, types, eigenode_cli\n"
+        "import os, signal, sys, types, eigenode_cli.runs\n"
         "run = types.ModuleType('eigenode_cli.runs.run')\n"
         "run.train = lambda config, folder, overrides: os.kill(os.getpid(), signal.SIGTERM) or 0\n"
         "sys.modules['eigenode_cli.runs.run'] = eigenode_cli.runs.run = run\n"

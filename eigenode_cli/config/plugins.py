@@ -197,7 +197,7 @@ def typify(config: DictConfig) -> list[str]:
     """Give the nodes of the user's own classes their schema, in place; returns the faults, one line each."""
     faults = []
     for group in GROUPS:
-        if group in config and OmegaConf.get_type(config[group]) is dict:
+        if group in config and not OmegaConf.is_missing(config, group) and OmegaConf.get_type(config[group]) is dict:
             faults += _typify(config, group)
     return faults
 
@@ -224,7 +224,8 @@ def _typify(config: DictConfig, group: str) -> list[str]:
 
 def unresolved(config: DictConfig) -> list[str]:
     """Groups whose class could not be found out, so that nothing can be said of their options."""
-    return [group for group in GROUPS if OmegaConf.get_type(config[group]) is dict]
+    known = [group for group in GROUPS if group in config and not OmegaConf.is_missing(config, group)]
+    return [group for group in known if OmegaConf.get_type(config[group]) is dict]
 
 
 def config_choice(config: DictConfig, group: str) -> str | None:

@@ -32,7 +32,7 @@ def test_a_dry_run_that_fails_says_why(tmp_path: Path) -> None:
     (tmp_path / "fragile.py").write_text("def broken(*_):\n    raise RuntimeError('out of glue')\n")
     status, _, err = inside(tmp_path, "train", "--dry-run", "terms.own=fragile:broken", "grads=sol+own")
     assert status == 2
-    assert "a run that was tried for 1 steps failed: RuntimeError: out of glue" in err
+    assert "a run that was tried for 1 steps failed: terms.own=fragile:broken: RuntimeError: out of glue" in err
 
 
 def test_the_model() -> None:

@@ -123,7 +123,7 @@ def test_a_record_of_another_version_is_refused() -> None:
 
 
 def test_own_term(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "my_own_term.py").write_text("def distance(*_):\n    return 0.0\n")
+    (tmp_path / "my_own_term.py").write_text("import torch\n\n\ndef distance(*_):\n    return torch.zeros(())\n")
     monkeypatch.syspath_prepend(tmp_path)
     config = compose(["+terms.mine=my_own_term:distance", "grads=mine+sol"])
     assert (config.grads, config.scale.mine) == ("sol+mine", 1.0)

@@ -43,7 +43,9 @@ def test_trainings_of_different_length_share_a_figure(study: Study) -> None:
         cut = Result(result.unit)
         metrics = result.metrics
         kept = replace(metrics, step=metrics.step[:3], terms={"sol": metrics.terms["sol"][:3]})
-        vars(cut)["run"] = replace(result.run, metrics=kept)
+        run = replace(result.run)
+        vars(run)["metrics"] = kept
+        vars(cut)["run"] = run
         short.append(cut)
     experiment = study.experiments["small"]
     whole = numbers(study, 1)

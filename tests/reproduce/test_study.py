@@ -124,7 +124,7 @@ def test_each_study_has_a_folder_of_its_own(study: Study) -> None:
     assert way.default_output(study).name == second
     changed = replace(study.experiments["small"], title="Another study")
     assert way.default_output(replace(study, experiments={"small": changed})).name not in (first, second)
-    assert not list(results.rglob(".lock"))
+    assert not list(results.glob("*.lock"))
 
 
 def test_two_at_once_do_not_write_into_one_folder(

@@ -16,7 +16,7 @@ from eigenode_cli.config.schema import AdamBfgsConfig, SgdConfig, TrainerConfig
 from eigenode_cli.console import LineDisplay
 from eigenode_cli.data.dataset import Floats
 from eigenode_cli.engines.base import Advance, Evaluation, LossJacobian, single_step
-from eigenode_cli.runs.recorder import Progress, Recorder, load_last
+from eigenode_cli.runs.recorder import Progress, Recorder, load_last, metrics_header
 from eigenode_cli.solve.status import Status
 from eigenode_cli.training.combine import SEQUENTIAL
 from eigenode_cli.training.optimizers import Optimizer, build_optimizer
@@ -402,7 +402,7 @@ def test_after_an_interruption_the_trainer_itself_goes_on(make: Make, tmp_path: 
 
 def test_a_half_written_row_is_cut_off(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, ("sol", "frq", "dmp", "stb", "osc", "stf"), np.zeros(3))
-    header = "step,train_seconds"
+    header = metrics_header(recorder.names)
     (tmp_path / "metrics.csv").write_text(f"{header}\n0,1\n4,1\n8,1\n12,0.")
     recorder.open(8)
     recorder.close()

@@ -106,7 +106,8 @@ def test_repeated_steps_follow_torch(name: str) -> None:
 @pytest.mark.parametrize("grads", ["sol", "sol+frq+stb"])
 def test_the_authors_protocol_repeats_the_last_step(engine: str, name: str, grads: str) -> None:
     words = ["protocol=authors", "system=sparse_oscillator", f"engine={engine}", f"optimizer={name}", f"grads={grads}"]
-    config = typed(compose([*words, "optimizer.lr=1e-3"]))
+    momentum = [f"optimizer.momentum={SGD.momentum}"] if name == "sgd" else []
+    config = typed(compose([*words, *momentum, "optimizer.lr=1e-3"]))
     setup = run.build(config, lambda message: None)
     stage, theta = setup.stages[0], flat_parameters(setup.field)
     theirs = TwiceTheLastStep(theta, PEERS[name][1])
