@@ -196,8 +196,10 @@ def _plain_type(hint: Any) -> Any:
 def typify(config: DictConfig) -> list[str]:
     """Give the nodes of the user's own classes their schema, in place; returns the faults, one line each."""
     faults = []
-    for group in GROUPS:
-        if group in config and not OmegaConf.is_missing(config, group) and OmegaConf.get_type(config[group]) is dict:
+    for group in _present(config):
+        if not OmegaConf.is_dict(config[group]):
+            faults.append(f"{group}: {config[group]!r} is not a set of options")
+        elif OmegaConf.get_type(config[group]) is dict:
             faults += _typify(config, group)
     return faults
 
@@ -224,8 +226,13 @@ def _typify(config: DictConfig, group: str) -> list[str]:
 
 def unresolved(config: DictConfig) -> list[str]:
     """Groups whose class could not be found out, so that nothing can be said of their options."""
-    known = [group for group in GROUPS if group in config and not OmegaConf.is_missing(config, group)]
-    return [group for group in known if OmegaConf.get_type(config[group]) is dict]
+    nodes = {group: config[group] for group in _present(config)}
+    return [group for group, node in nodes.items() if not OmegaConf.is_dict(node) or OmegaConf.get_type(node) is dict]
+
+
+def _present(config: DictConfig) -> list[str]:
+    """The groups that a configuration holds."""
+    return [group for group in GROUPS if group in config and not OmegaConf.is_missing(config, group)]
 
 
 def config_choice(config: DictConfig, group: str) -> str | None:
