@@ -35,6 +35,7 @@ from eigenode_cli import __version__
 from eigenode_cli.cli import main as eigenode
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+CAUGHT = (signal.SIGINT, signal.SIGTERM)
 
 FRESH = 0.08
 """Share of the trainings that run in new interpreters."""
@@ -159,7 +160,11 @@ class Command:
             self.pid = self._new.pid
         else:
             self._fork = multiprocessing.get_context("fork").Process(target=forked, args=(folder, words))
-            self._fork.start()
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, CAUGHT)  # the fork lets them in once it is ready for them
+            try:
+                self._fork.start()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
             self.pid = self._fork.pid or 0
 
     def wait(self, seconds: float | None = None) -> int | None:
@@ -180,7 +185,12 @@ def forked(folder: Path, words: list[str]) -> None:
     output = os.open("output.txt", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
     os.dup2(output, 1)
     os.dup2(output, 2)
-    sys.exit(eigenode(words))
+    try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, CAUGHT)
+        code = eigenode(words)
+    except KeyboardInterrupt:  # before the command took over
+        code = 130
+    sys.exit(code)
 
 
 def whole(folder: Path, words: list[str], fresh: bool) -> int:
