@@ -16,9 +16,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from eigenode_cli.batch import run
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.errors import UserError
-from eigenode_cli.runs import run
 from eigenode_cli.runs.atomic import WriteError
 from eigenode_cli.runs.runfile import read_record
 from tests.batch.helpers import without_time

@@ -17,6 +17,7 @@ import io
 import json
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -41,24 +42,24 @@ FRESH = 0.08
 """Share of the trainings that run in new interpreters."""
 
 SMALL = ("system=oscillator", "trainer.record_every=10", "trainer.checkpoint_every=40")
-STAGES = ("trainer.horizons=[0.3,0.6,1]",)
-PRETRAINED = ("trainer.pretrain=sol+frq", "trainer.pretrain_steps=300")
+STAGES = ("stages=[{horizons:[0.3,0.6,1]}]",)
+PRETRAINED = ("stages=[{terms:sol+frq,steps:300},{horizons:[0.3,0.6,1]}]",)
 SGD = ("optimizer=sgd", "optimizer.lr=1e-3", "optimizer.momentum=0.9")
 BFGS = ("optimizer=adam_bfgs", "combine=sum", "solver.rtol=1e-6")
 TORCH = ("engine=torch", "trainer.checkpoint_every=5", "system.horizon=1.5", "system.points=16")
 CASES: dict[str, tuple[tuple[str, ...], int]] = {
     "compiled adam": ((*SMALL, "grads=sol+frq+dmp+osc"), 2000),
-    "compiled sgd, pre-trained, stages": ((*SMALL, *PRETRAINED, *STAGES, *SGD, "grads=sol+stb"), 2000),
+    "compiled sgd, pre-trained, stages": ((*SMALL, *PRETRAINED, *SGD, "grads=sol+stb"), 2000),
     "compiled bfgs, stages": ((*SMALL, *BFGS, *STAGES, "grads=sol+frq", "optimizer.adam_steps=200"), 400),
-    "compiled robust": ((*SMALL, "protocol=robust", "grads=sol+frq+stb", "trainer.spectral_steps=200"), 400),
+    "compiled robust": ((*SMALL, "protocol=robust", "grads=sol+frq+stb", "stages.0.steps=200"), 400),
     "compiled adam, figures": ((*SMALL, "grads=sol+stb", "trainer.figures=true"), 1000),
     "torch adam": ((*SMALL, *TORCH, "grads=sol+frq"), 24),
     "torch sgd, stages": ((*SMALL, *TORCH, *STAGES, *SGD, "grads=sol+stb"), 24),
-    "torch bfgs, spectra first": ((*SMALL, *TORCH, *BFGS, "grads=sol+frq", "trainer.spectral_steps=6"), 18),
+    "torch bfgs, spectra first": ((*SMALL, *TORCH, *BFGS, "grads=sol+frq", "stages=[{solve:false,steps:6},{}]"), 18),
 }
 """Words and steps of each kind of training."""
-COUNTED = ("trainer.pretrain_steps", "optimizer.adam_steps", "trainer.spectral_steps")
-"""Settings that count steps, besides their number."""
+COUNTED = re.compile(r"(?<=steps[:=])\d+")
+"""Numbers of steps in a setting."""
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,7 @@ def words_of(case: str, shorter: int) -> list[str]:
     """The settings of a case, with its numbers of steps divided."""
     given, steps = CASES[case]
     words = [f"trainer.steps={steps // shorter}"]
-    for word in given:
-        key, _, value = word.partition("=")
-        words.append(f"{key}={max(1, int(value) // shorter)}" if key in COUNTED else word)
+    words += [COUNTED.sub(lambda found: str(max(1, int(found[0]) // shorter)), word) for word in given]
     drawn = any(word.startswith("trainer.figures=") for word in given)
     return words if drawn else [*words, "trainer.figures=false"]
 

@@ -10,7 +10,7 @@ import pytest
 
 from eigenode_cli.config.build import build_field
 from eigenode_cli.config.schema import MlpConfig
-from eigenode_cli.data.simulate import sample, truth_targets
+from eigenode_cli.data import Truth, TruthTarget, simulate
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
@@ -49,12 +49,17 @@ class Case:
     points: int
     options: dict[str, object] = field(default_factory=dict)
 
+    @property
+    def truth(self) -> Truth:
+        return Truth(self.system, tuple(self.initial_state))
+
     def problem(self, **changes: object) -> Problem:
-        start = np.array(self.initial_state)
-        data = sample(self.system, start, self.horizon, self.points, [self.system.states[0].name])
+        times = np.linspace(0.0, self.horizon, self.points)
+        data = simulate(self.truth, times, [self.system.states[0].name]).series[0]
         options: dict[str, object] = {
             "data": data,
-            "targets": truth_targets(self.system, data.states),
+            "states": self.truth.states(times),
+            "targets": TruthTarget(self.truth).rows(times),
             "every": 1,
             "terms": NAMES,
             "errors": np.zeros(6, dtype=np.int64),
@@ -77,10 +82,12 @@ class Case:
             "init": "glorot",
             "input_scaling": "none",
             "output_scaling": "none",
+            "scaling_from": "truth",
+            "linear": "none",
         }
-        data = self.problem().data
+        states = self.truth.states(np.linspace(0.0, self.horizon, self.points))
         config = MlpConfig(**(options | changes))  # type: ignore[arg-type]
-        return build_field(config, data.states, self.system.dynamics(data.states), seed)
+        return build_field(config, states, self.system.dynamics(states), seed)
 
 
 def make_case(name: str) -> Case:

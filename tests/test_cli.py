@@ -36,7 +36,7 @@ class Runs(list[tuple[TrainConfig, Path]]):
 def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
     """A stand-in for `eigenode_cli.runs.run` that records and writes run.json, in an empty current folder."""
     recorded = Runs()
-    module = ModuleType("eigenode_cli.runs.run")
+    module = ModuleType("eigenode_cli.batch.run")
 
     def train(config: TrainConfig, folder: Path, overrides: list[str], **_: object) -> int:
         assert all(isinstance(word, str) for word in overrides)
@@ -48,7 +48,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
         return recorded.status
 
     module.train = train  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "eigenode_cli.runs.run", module)
+    monkeypatch.setitem(sys.modules, "eigenode_cli.batch.run", module)
     monkeypatch.setattr(eigenode_cli.runs, "run", module, raising=False)
     monkeypatch.chdir(tmp_path)
     return recorded
@@ -312,7 +312,7 @@ def test_sigterm_interrupts(tmp_path: Path) -> None:
         "import os, signal, sys, types, eigenode_cli.runs\n"
         "run = types.ModuleType('eigenode_cli.runs.run')\n"
         "run.train = lambda config, folder, overrides: os.kill(os.getpid(), signal.SIGTERM) or 0\n"
-        "sys.modules['eigenode_cli.runs.run'] = eigenode_cli.runs.run = run\n"
+        "sys.modules['eigenode_cli.runs.run'] = eigenode_cli.batch.run = run\n"
         "from eigenode_cli.cli import main\n"
         "sys.exit(main(['train']))\n"
     )

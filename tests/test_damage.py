@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from eigenode_cli.batch import run as run_module
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.console import QuietDisplay
 from eigenode_cli.reporting import figures
-from eigenode_cli.runs import run as run_module
 from tests import fake_run
 from tests.batch.helpers import inside, without_time
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from eigenode_cli.batch import run as run_module
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.console import QuietDisplay
 from eigenode_cli.reporting import figures
-from eigenode_cli.runs import run as run_module
 from eigenode_cli.runs.atomic import WriteError, write_json, write_text
 from tests.batch.helpers import inside, without_time
 from tests.disk import Disk, small_disk

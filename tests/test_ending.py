@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from eigenode_cli.runs.run import EXIT
+from eigenode_cli.batch.run import EXIT
 from eigenode_cli.training.ending import DIVERGED, ENDED, FINAL, FINISHED, STATUSES, UNSUCCESSFUL, judge
 from eigenode_cli.training.total_loss import FLAT, stationary
 

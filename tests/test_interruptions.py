@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from eigenode_cli.batch import run as run_module
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.setup import build
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.interruption import check, interruptible
 from eigenode_cli.reporting import figures
-from eigenode_cli.runs import run as run_module
 from tests.runs.test_run import InterruptedAt, metrics, record, without_time
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "interruptions.py"
@@ -126,19 +127,19 @@ def test_a_long_step_is_not_taken_several_times_between_two_looks(
 ) -> None:
     """A stage whose steps take a hundred times as long as those before starts with a single one."""
     sizes: list[tuple[int, int]] = []
-    setup = run_module.build(typed(compose([*WORDS, "trainer.horizons=[0.1,1]", "trainer.record_every=30"])), print)
+    setup = build(typed(compose([*WORDS, "stages=[{horizons:[0.1,1]}]", "trainer.record_every=30"])), print)
 
     def watched(number: int, engine: Engine) -> None:
         advance = engine.advance
 
-        def counted(theta, rule, rates, halt):  # type: ignore[no-untyped-def]
+        def counted(theta, update, rates, halt):  # type: ignore[no-untyped-def]
             sizes.append((number, rates.size))
-            return advance(theta, rule, rates, halt)
+            return advance(theta, update, rates, halt)
 
         engine.advance = counted  # type: ignore[method-assign]
 
-    for number, stage in enumerate(setup.stages):
-        watched(number, stage.engine)
+    for number, phase in enumerate(setup.phases):
+        watched(number, phase.engine)
     monkeypatch.setattr(run_module, "build", lambda *_: setup)
     assert run_module.train(setup.config, tmp_path, WORDS, quiet=True) == 0
     first = dict(reversed(sizes))

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from eigenode_cli import OWN_CODE
+from eigenode_cli.batch import run as run_module
 from eigenode_cli.config.compose import compose, typed
-from eigenode_cli.runs import run as run_module
 from eigenode_cli.runs.paths import hidden, importable
 from tests.batch.helpers import BASIC, eigenode, inside
 from tests.test_damage import InterruptedAt

@@ -24,6 +24,6 @@ def test_a_seed_that_no_one_tuned_for(system: str, tmp_path: Path) -> None:
 
 
 def test_spectra_come_first_then_the_horizon_grows(tmp_path: Path) -> None:
-    short = ("trainer.steps=60", "trainer.spectral_steps=20", "trainer.record_every=20", "trainer.figures=false")
+    short = ("trainer.steps=60", "stages.0.steps=20", "trainer.record_every=20", "trainer.figures=false")
     rows = metrics(train(tmp_path, "protocol=robust", "system=sparse_oscillator", "grads=sol+frq+dmp+stb+osc", *short))
     assert [row["lr"] for row in rows] == ["0.01", "", "", ""]  # Adam's ends with the spectral steps

@@ -19,6 +19,7 @@ import numpy as np
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from eigenode_cli.batch import run
 from eigenode_cli.batch.launch import launcher_of
 from eigenode_cli.batch.plan import quoted
 from eigenode_cli.batch.state import recorded
@@ -29,7 +30,6 @@ from eigenode_cli.config.sweep import Kind, settings_of
 from eigenode_cli.console import duration
 from eigenode_cli.errors import UserError
 from eigenode_cli.model import flat_parameters
-from eigenode_cli.runs import run
 
 MOST = 4
 """Kinds that are tried; the others are taken to cost as much as these on average."""

@@ -71,7 +71,7 @@ def attempt(config: TrainConfig, folder: Path, words: Sequence[str], watch: Disp
     Returns:
         The exit status: 0 done, 1 failed, stalled or diverged, 130 interrupted.
     """
-    from eigenode_cli.runs import run  # noqa: PLC0415  # torch, in the process that trains only
+    from eigenode_cli.batch import run  # noqa: PLC0415  # torch, in the process that trains only
 
     if not figures_chosen(words):
         config.trainer.figures = False

@@ -8,13 +8,13 @@ from omegaconf import DictConfig
 
 from eigenode_cli.batch.job import attempt, contained, figures_chosen
 from eigenode_cli.batch.plan import Sweep
+from eigenode_cli.batch.run import EXIT, draw
 from eigenode_cli.batch.state import recorded
 from eigenode_cli.config.compose import typed
 from eigenode_cli.config.composer import keep_composition
 from eigenode_cli.config.sweep import Job, of_seed, settings_of
 from eigenode_cli.console import QuietDisplay
 from eigenode_cli.cpus import usable_cores
-from eigenode_cli.runs.run import EXIT, draw
 from eigenode_cli.training.ending import FINAL, INTERRUPTED
 
 

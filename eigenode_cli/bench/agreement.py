@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.bench.contestants import Result
-from eigenode_cli.data.dataset import Floats
 
 VALUES = 1e-6
 """Largest relative difference of a value at tight tolerance."""

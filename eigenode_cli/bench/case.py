@@ -6,11 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.bench import RECIPES
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.data.dataset import Data, Floats
-from eigenode_cli.data.simulate import targets_of_spectra
+from eigenode_cli.data import Series, targets_of_spectra
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.problem import Problem
@@ -74,23 +74,6 @@ def recipe_config(name: str) -> TrainConfig:
     return typed(compose([f"system={system}", f"grads={grads}", f"trainer.steps={steps}", "seed=0"]))
 
 
-def shape_of(field: VectorField) -> MlpShape:
-    """The compiled engine's description of a torch vector field.
-
-    Raises:
-        ValueError: its network is no multilayer perceptron.
-    """
-    network = field.network
-    if not isinstance(network, Mlp):
-        raise ValueError(f"{type(network).__name__}: contestants are compared on multilayer perceptrons")
-    inputs, outputs = network.sizes[0], network.sizes[-1]
-    scales = [
-        np.ones(size) if scale is None else np.array(scale, dtype=np.float64)
-        for scale, size in ((network.input_scale, inputs), (network.output_scale, outputs))
-    ]
-    return MlpShape(network.sizes, network.activation, field.structure, *scales)
-
-
 def torch_field(case: Case) -> VectorField:
     """The vector field of a case as a torch module, at its weights."""
     sizes = case.shape.sizes
@@ -119,21 +102,15 @@ def oscillating(n: int, hidden: Sequence[int], horizon: float, points: int, term
     shape = MlpShape((n, *hidden, n), "tanh", "full", np.ones(n), np.ones(n))
     pairs = min(n, *hidden) // 2
     times = np.linspace(0.0, horizon, points)
-    blank = Data(times, np.tile(_start(n, generator), (points, 1)), np.ones((points, n), dtype=np.bool_))
+    start = _start(n, generator)
+    blank = Series(times, np.tile(start, (points, 1)), start)
     solver = AdaptiveSolver(name="tsit5", rtol=RTOL, atol=ATOL, max_steps=MAX_STEPS)
     spectra = np.tile(_spectrum(pairs, n), (points, 1))
     problem = Problem(
         data=blank,
         targets=targets_of_spectra(spectra),
-        every=1,
         terms=terms,
-        errors=np.zeros(6, dtype=np.int64),
-        huber_delta=1.0,
-        margin=0.0,
-        max_condition=1e4,
-        jacobian="autodiff",
         solver=solver,
-        stabilise=True,
     )
     case = Case(shape, problem, _oscillating_weights(n, hidden, pairs, generator))
     return _with_own_targets(case, pairs)
@@ -174,11 +151,11 @@ def _with_own_targets(case: Case, pairs: int) -> Case:
     own = CompiledEngine(case.shape, case.tight().problem).loss_jacobian(case.theta)
     shift = 0.05 * (1.0 + np.sin(np.arange(own.trajectory.size).reshape(own.trajectory.shape)))
     states = own.trajectory + shift
-    states[0] = case.problem.initial_state
+    states[0] = case.problem.data.initial_state
     leading = np.sort(own.spectra.imag, axis=1)[:, : -pairs - 1 : -1] / (2.0 * np.pi)
     upper = 2j * np.pi * 1.02 * leading
     rest = np.zeros((len(states), states.shape[1] - 2 * pairs))
-    data = replace(case.problem.data, states=states)
-    targets = targets_of_spectra(np.concatenate([upper, upper.conj(), rest], axis=1))
+    data = replace(case.problem.data, values=states)
+    targets = targets_of_spectra(np.concatenate([upper, upper.conj(), rest], axis=1).astype(np.complex128))
     targets = replace(targets, frequency=targets.frequency[:, :pairs], damping=targets.damping[:, :pairs])
-    return replace(case, problem=replace(case.problem, data=data, targets=targets))
+    return replace(case, problem=replace(case.problem, data=data, targets=targets, states=None))

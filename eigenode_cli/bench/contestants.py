@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.bench.case import Case, torch_field
-from eigenode_cli.data.dataset import Floats
 from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.kernel import solve

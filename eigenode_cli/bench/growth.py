@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.bench.agreement import agreement
 from eigenode_cli.bench.case import Case, oscillating
 from eigenode_cli.bench.contestants import OURS, Contestant
 from eigenode_cli.bench.measure import compare
-from eigenode_cli.data.dataset import Floats
 
 Say = Callable[[str], None]
 

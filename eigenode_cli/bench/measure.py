@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.cpus import usable_cores
-from eigenode_cli.data.dataset import Floats
 
 SAMPLE_SECONDS = 0.03
 """Calls are repeated until a sample lasts about this long."""

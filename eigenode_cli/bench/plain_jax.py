@@ -72,7 +72,7 @@ def _spectrum(a: Any) -> tuple[Any, Any]:
 def terms_function(case: Case) -> Callable[[Any, Any], Any]:
     """`(theta, trajectory (N, n)) -> values (L,)`: the equations of the terms (Sec. 3.3 of the paper), with MAE."""
     problem, field = case.problem, field_function(case)
-    data, mask, n = problem.data.states, problem.data.mask, case.shape.sizes[0]
+    data, mask, n = problem.data.values, problem.data.mask, case.shape.sizes[0]
     frequency, damping = problem.targets.frequency[:, ::-1], problem.targets.damping[:, ::-1]
     known, count = ~np.isnan(frequency), frequency.shape[1]
     frequency, damping = np.where(known, frequency, 0.0), np.where(known, damping, 0.0)
@@ -122,7 +122,7 @@ def loss_jacobian(case: Case, choice: Choice, controller: str) -> Callable[[Any]
             times[0],
             times[-1],
             None,
-            jnp.asarray(case.problem.initial_state),
+            jnp.asarray(case.problem.data.initial_state),
             theta,
             saveat=diffrax.SaveAt(ts=jnp.asarray(times)),
             stepsize_controller=control,
@@ -186,7 +186,7 @@ def _attempted(case: Case, controller: str) -> int:
         case.times[0],
         case.times[-1],
         None,
-        jnp.asarray(case.problem.initial_state),
+        jnp.asarray(case.problem.data.initial_state),
         jnp.asarray(case.theta),
         stepsize_controller=_control(case, controller),
         max_steps=case.solver.max_steps,

@@ -48,7 +48,7 @@ class PlainTerms:
         problem = case.problem
         self.names = problem.terms
         self.index = torch.from_numpy(problem.spectral_index)
-        self.data = torch.from_numpy(problem.data.states)
+        self.data = torch.from_numpy(problem.data.values)
         self.mask = torch.from_numpy(problem.data.mask)
         # descending, as the model's pairs are sorted below; NaN for a pair that the target does not have
         self.frequency = torch.from_numpy(problem.targets.frequency[:, ::-1].copy())
@@ -104,7 +104,7 @@ def plain_runner(case: Case, solver: Solver, detail: str) -> Runner:
 def torchdiffeq_solver(case: Case) -> Solver:
     """`torchdiffeq.odeint` with dopri5, through which autograd goes."""
     odeint: Any = import_module("torchdiffeq").odeint
-    start, times = torch.from_numpy(case.problem.initial_state.copy()), torch.from_numpy(case.times)
+    start, times = torch.from_numpy(case.problem.data.initial_state.copy()), torch.from_numpy(case.times)
     solver = case.solver
 
     def solve(field: PlainField) -> tuple[Tensor, Callable[[], int]]:
@@ -120,7 +120,7 @@ def torchdiffeq_solver(case: Case) -> Solver:
 def torchode_solver(case: Case) -> Solver:
     """`torchode.AutoDiffAdjoint` with Tsit5 and the same step-size control as ours."""
     torchode: Any = import_module("torchode")  # its own annotations contradict each other
-    start = torch.from_numpy(case.problem.initial_state.copy())[None]
+    start = torch.from_numpy(case.problem.data.initial_state.copy())[None]
     times = torch.from_numpy(case.times)[None]
     solver = case.solver
 

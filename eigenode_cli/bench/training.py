@@ -12,21 +12,24 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from eigenode_cli.bench.case import Case, recipe_config, shape_of, torch_field
+from eigenode_cli.arrays import Floats
+from eigenode_cli.batch.run import DENSE
+from eigenode_cli.bench.case import Case, recipe_config, torch_field
 from eigenode_cli.bench.contestants import BareSolve
 from eigenode_cli.bench.measure import Ratio, compare, ratio_of
+from eigenode_cli.config.build import build_method, build_options, gradient_scales
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.setup import build
 from eigenode_cli.console import QuietDisplay
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.model import flat_parameters, load_flat
-from eigenode_cli.runs.recorder import Progress, Recorder
-from eigenode_cli.runs.run import DENSE, build
+from eigenode_cli.engines.factory import shape_of
+from eigenode_cli.model import load_flat
+from eigenode_cli.runs.recorder import Recorder
 from eigenode_cli.terms import NAMES
-from eigenode_cli.training.combine import COMBINATIONS
-from eigenode_cli.training.curriculum import gradient_scales
 from eigenode_cli.training.optimizers import Optimizer
-from eigenode_cli.training.trainer import Stage, Trainer
+from eigenode_cli.training.progress import Progress
+from eigenode_cli.training.trainer import Phase, Trainer
 
 STANDSTILL = 1e-15
 """Learning rate of steps that are only timed: the weights stay where they are."""
@@ -59,7 +62,7 @@ def train_case(name: str) -> Trained:
     """Train by the recipe of a case, from its seed: the same weights at every call."""
     config = recipe_config(name)
     setup = build(config)
-    case = Case(shape_of(setup.field), setup.problem, flat_parameters(setup.field))
+    case = Case(shape_of(setup.field), setup.problem, setup.theta.copy())
     CompiledEngine(case.shape, case.problem).loss_jacobian(case.theta)  # compiled before the clock runs
     theta, progress = case.theta.copy(), Progress()
     with TemporaryDirectory() as folder:
@@ -77,6 +80,7 @@ def trainer_for(
 ) -> Callable[[], None]:
     """The training of `theta (P,)` as a call that starts where `progress` stands."""
     recorder, field = Recorder(folder, NAMES, np.zeros(DENSE)), torch_field(case)
+    scales = gradient_scales(config)
 
     def network(at: Floats) -> dict[str, Tensor]:
         load_flat(field, at)
@@ -84,11 +88,11 @@ def trainer_for(
 
     trainer = Trainer(
         engine=engine,
-        stages=[Stage(0, engine, gradient_scales(config, case.problem.terms))],
-        optimizer=Optimizer(config.optimizer, theta.size),
+        phases=[Phase(0, engine, np.array([scales[term] for term in case.problem.terms]))],
+        optimizer=Optimizer(build_method(config.optimizer), theta.size),
         combination=COMBINATIONS[config.combine.name],
         terms=case.problem.terms,
-        config=config.trainer,
+        options=build_options(config),
         recorder=recorder,
         display=QuietDisplay(),
         dense_times=np.linspace(0.0, case.times[-1], DENSE),

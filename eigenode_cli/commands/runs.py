@@ -31,7 +31,7 @@ def resume(args: argparse.Namespace) -> int:
 
         with importable(*([args.config_dir] if args.config_dir else dirs)):
             config = restore(settings)
-            from eigenode_cli.runs import run  # noqa: PLC0415
+            from eigenode_cli.batch import run  # noqa: PLC0415
 
             return run.resume(config, folder, previous)
 

@@ -43,7 +43,7 @@ def _job(config: DictConfig) -> int | UserError | WriteError:
 
     An exception would be announced by Hydra, too.
     """
-    from eigenode_cli.runs import run  # noqa: PLC0415  # torch, only once the command line is known to be right
+    from eigenode_cli.batch import run  # noqa: PLC0415  # torch, only once the command line is known to be right
 
     job = HydraConfig.get()
     try:

@@ -1,25 +1,38 @@
 """Build the objects that a configuration describes."""
 
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.config.plugins import load_class, own_options
 from eigenode_cli.config.schema import (
+    AdamBfgsConfig,
+    AdamConfig,
     AdaptiveSolverConfig,
+    CombineConfig,
     FixedSolverConfig,
     NetworkConfig,
+    OptimizerConfig,
+    SequentialConfig,
+    SgdConfig,
     SolverConfig,
+    StatedTargetConfig,
     SystemConfig,
+    TargetConfig,
+    TrainConfig,
+    TruthTargetConfig,
 )
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.systems import System
 
 if TYPE_CHECKING:
+    from eigenode_cli.data import Dataset, Target, Truth
     from eigenode_cli.model import VectorField
-
-Floats = NDArray[np.float64]
+    from eigenode_cli.training.optimizers import Method
+    from eigenode_cli.training.stages import Stage
+    from eigenode_cli.training.trainer import TrainerOptions
 
 
 def build_system(config: Any) -> System:
@@ -31,6 +44,37 @@ def build_system(config: Any) -> System:
     return load_class(config.target)(**own_options(config, SystemConfig))
 
 
+def build_truth(config: SystemConfig) -> "Truth":
+    """Build the truth that a system's data are sampled from."""
+    from eigenode_cli.data import Truth  # noqa: PLC0415  # SciPy, and a command line is checked without it
+
+    return Truth(build_system(config), tuple(float(value) for value in config.initial_state))
+
+
+def build_dataset(config: SystemConfig, truth: "Truth", seed: int) -> "Dataset":
+    """Build what is measured of the truth; `seed` is that of the noise.
+
+    Raises:
+        ValueError: the system cannot be solved.
+    """
+    from eigenode_cli.data import simulate  # noqa: PLC0415
+
+    times = np.linspace(0.0, config.horizon, config.points)
+    return simulate(truth, times, config.observed, config.noise, seed, config.initial_known)
+
+
+def build_target(config: TargetConfig, truth: "Truth") -> "Target":
+    """Build what the spectral terms compare with."""
+    from eigenode_cli.data import StatedTarget, TruthTarget  # noqa: PLC0415
+
+    corridor = None if config.stiffness is None else (config.stiffness[0], config.stiffness[1])
+    if isinstance(config, StatedTargetConfig):
+        return StatedTarget(config.frequency, config.damping, corridor)
+    if isinstance(config, TruthTargetConfig):
+        return TruthTarget(truth, config.frequency_factor, corridor)
+    raise TypeError(f"no targets come from a {type(config).__name__}")
+
+
 def build_solver(config: SolverConfig) -> Solver:
     """Build the solver settings."""
     if isinstance(config, AdaptiveSolverConfig):
@@ -38,13 +82,72 @@ def build_solver(config: SolverConfig) -> Solver:
     return FixedStepSolver(config.name, cast(FixedSolverConfig, config).step)
 
 
+def build_method(config: OptimizerConfig) -> "Method":
+    """Build the optimizer's method."""
+    from eigenode_cli.training.optimizers import Adam, AdamBfgs, Sgd  # noqa: PLC0415  # Numba
+
+    kinds = ((AdamBfgsConfig, AdamBfgs), (AdamConfig, Adam), (SgdConfig, Sgd))
+    method = next(method for schema, method in kinds if isinstance(config, schema))
+    return method(**{entry.name: getattr(config, entry.name) for entry in fields(method)})
+
+
+def build_stages(config: TrainConfig) -> tuple["Stage", ...]:
+    """Build the list of stages."""
+    from eigenode_cli.terms import canonical, split_grads  # noqa: PLC0415
+    from eigenode_cli.training.stages import Stage  # noqa: PLC0415  # Numba
+
+    return tuple(
+        Stage(
+            steps=stage.steps,
+            terms=None if stage.terms is None else canonical(split_grads(stage.terms)),
+            horizons=tuple(stage.horizons),
+            spectra=stage.spectra,
+            solve=stage.solve,
+            trained=None if stage.trained is None else tuple(stage.trained),
+        )
+        for stage in config.stages
+    )
+
+
+def build_options(config: TrainConfig) -> "TrainerOptions":
+    """Build the trainer's options."""
+    from eigenode_cli.training.trainer import TrainerOptions  # noqa: PLC0415  # torch
+
+    trainer = config.trainer
+    return TrainerOptions(trainer.steps, trainer.record_every, trainer.checkpoint_every, trainer.on_unsolvable)
+
+
+def combination(config: CombineConfig) -> int:
+    """Return the code of the combination."""
+    from eigenode_cli.engines.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST  # noqa: PLC0415  # Numba
+
+    if isinstance(config, SequentialConfig) and config.repeat_last_update:
+        return SEQUENTIAL_REPEATING_LAST
+    return COMBINATIONS[config.name]
+
+
+def gradient_scales(config: TrainConfig) -> dict[str, float]:
+    """Return the factor of each term's gradient, by name.
+
+    Under `eigen.eigenvalue_count=times` the terms that average over eigenvalues count N/2 of them (N data times)
+    instead of n. That is a constant factor, so it is applied here and the recorded losses stay what they are.
+    """
+    scales = {name: float(scale) for name, scale in config.scale.items()} | {
+        name: float(config.scale.get(name, 1.0)) for name in config.terms
+    }
+    if config.eigen.eigenvalue_count == "times":
+        for name in ("frq", "dmp", "stb", "osc"):
+            scales[name] *= len(config.system.initial_state) / (config.system.points / 2.0)
+    return scales
+
+
 def build_field(config: NetworkConfig, states: Floats, rates: Floats, seed: int) -> "VectorField":
     """Build the vector field, its network's initial weights drawn from `seed`.
 
     Args:
         config: of the network.
-        states: known states `(N, n)`.
-        rates: their derivatives `(N, n)`; scalings are taken from both.
+        states: states `(N, n)` that the scale of the inputs is taken from.
+        rates: their derivatives `(N, n)`, for the scale of the outputs.
         seed: of the initial weights; nothing else enters the draw, so that runs of one seed are paired.
     """
     import torch  # noqa: PLC0415  # seconds, and a command line is checked without it
@@ -54,20 +157,24 @@ def build_field(config: NetworkConfig, states: Floats, rates: Floats, seed: int)
     n = states.shape[1]
     outputs = n // 2 if config.structure == "second_order" else n
     options = own_options(config, NetworkConfig)
+    options.pop("scaling_from", None)
     for scaling, scale, samples in (
         ("input_scaling", "input_scale", states),
         ("output_scaling", "output_scale", rates[:, n - outputs :]),
     ):
         if scaling in options:
-            largest = torch.from_numpy(_largest(samples))
-            factor = 1.0 / largest if scale == "input_scale" else largest
-            options[scale] = factor if options.pop(scaling) == "max_abs" else None
+            if options.pop(scaling) == "max_abs":
+                largest = torch.from_numpy(_largest(samples))
+                options[scale] = 1.0 / largest if scale == "input_scale" else largest
+            else:
+                options[scale] = None
     generator = torch.Generator().manual_seed(seed)
     network = load_class(config.target)(inputs=n, outputs=outputs, generator=generator, **options)
-    return VectorField(network, config.structure)
+    linear = None if config.linear == "none" else torch.zeros((outputs, n), dtype=torch.float64)
+    return VectorField(network, config.structure, linear)
 
 
 def _largest(samples: Floats) -> Floats:
-    """Largest modulus of each column of `samples (N, k)`; 1 for a column of zeros."""
+    """Return the largest modulus of each column of `samples (N, k)`; 1 for a column of zeros."""
     size = np.abs(samples).max(axis=0)
     return np.where(size > 0.0, size, 1.0)

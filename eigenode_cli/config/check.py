@@ -23,6 +23,14 @@ from eigenode_cli.config.values import value_faults
 from eigenode_cli.errors import UserError, nearest, unknown
 from eigenode_cli.terms import NAMES, canonical, split_grads
 
+MOVED = {
+    "trainer.spectral_steps": "'stages=[{steps:1000,solve:false},{}]'",
+    "trainer.pretrain": "'stages=[{terms:frq+dmp,steps:1000},{}]'",
+    "trainer.pretrain_steps": "'stages=[{terms:frq+dmp,steps:1000},{}]'",
+    "trainer.horizons": "'stages=[{horizons:[0.5,1]}]'",
+    "eigen.at": "stages.0.spectra=data",
+}
+"""Settings of earlier versions, and what says the same today."""
 TYPES = {"Integer": "a whole number", "Float": "a number", "bool": "true or false"}
 
 
@@ -232,6 +240,8 @@ def _refusal(config: DictConfig, override: Override) -> str | None:
 
 
 def _unknown_key(config: DictConfig, key: str) -> str:
+    if key in MOVED:
+        return f"the list of stages says it now, for example {MOVED[key]}"
     group, _, last = key.rpartition(".")
     choices = config.hydra.runtime.choices
     if group in choices and OmegaConf.is_dict(config[group]):

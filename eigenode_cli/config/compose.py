@@ -22,8 +22,9 @@ def finalise(config: DictConfig) -> DictConfig:
     """A checked configuration as a run reads it, in place: resolved, `grads` canonical, a scale for every term."""
     OmegaConf.resolve(config)
     config.grads = "+".join(canonical(split_grads(config.grads)))
-    if config.trainer.pretrain is not None:
-        config.trainer.pretrain = "+".join(canonical(split_grads(config.trainer.pretrain)))
+    for stage in config.stages:
+        if stage.terms is not None:
+            stage.terms = "+".join(canonical(split_grads(stage.terms)))
     with open_dict(config.scale):
         for name in config.terms:
             config.scale.setdefault(name, 1.0)

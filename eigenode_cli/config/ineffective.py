@@ -5,10 +5,13 @@ and Numba, and solves the system once.
 """
 
 from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
+from eigenode_cli.config.names import named_terms
+from eigenode_cli.config.schema import SystemConfig
 from eigenode_cli.terms import split_grads
 
 OF_PAIRS = ("frq", "dmp", "osc")
@@ -19,7 +22,7 @@ def target_faults(config: DictConfig) -> list[str]:
     """A fault for every setting that names terms without effect, of a resolved configuration without other faults."""
     if config.target.name == "stated":
         return list(_lost_pairs(config))
-    named = {f"{key}={text}": split_grads(text) for key, text in _settings(config)}
+    named = {f"{key}={text}": split_grads(text) for key, text in named_terms(config)}
     if not any({*OF_PAIRS, "stf"}.intersection(words) for words in named.values()):
         return []
     pairs, ratios = _truth(config)
@@ -39,22 +42,16 @@ def target_faults(config: DictConfig) -> list[str]:
     return faults
 
 
-def _settings(config: DictConfig) -> Iterator[tuple[str, str]]:
-    yield "grads", config.grads
-    if config.trainer.pretrain is not None:
-        yield "trainer.pretrain", config.trainer.pretrain
-
-
 def _no_effect(words: list[str]) -> str:
     return f"{', '.join(words)} {'has' if len(words) == 1 else 'have'} no effect"
 
 
 def _lost_pairs(config: DictConfig) -> Iterator[str]:
     """A fault for each stated pair that by the rule for all spectra is none."""
-    from eigenode_cli.data.simulate import stated_spectrum  # noqa: PLC0415  # Numba, only once all else is right
+    from eigenode_cli.data import StatedTarget  # noqa: PLC0415  # Numba, only once all else is right
 
     frequency, damping = list(config.target.frequency), list(config.target.damping)
-    spectrum, level = stated_spectrum(frequency, damping)
+    spectrum, level = StatedTarget(frequency, damping).spectrum()
     for number, (hertz, ratio) in enumerate(zip(frequency, damping, strict=True)):
         if not spectrum[number].imag > level:
             yield (
@@ -66,15 +63,15 @@ def _lost_pairs(config: DictConfig) -> Iterator[str]:
 
 def _truth(config: DictConfig) -> tuple[bool, bool]:
     """Whether any target of the truth has a pair, and whether any has a finite stiffness ratio."""
-    from eigenode_cli.config.build import build_system  # noqa: PLC0415  # as above
-    from eigenode_cli.data.simulate import reference_solution, truth_targets  # noqa: PLC0415  # as above
+    from eigenode_cli.config.build import build_truth  # noqa: PLC0415  # as above
+    from eigenode_cli.data import TruthTarget  # noqa: PLC0415  # as above
 
     settings = config.system
-    system = build_system(OmegaConf.to_object(settings))
+    truth = build_truth(cast(SystemConfig, OmegaConf.to_object(settings)))
     times = np.linspace(0.0, settings.horizon, settings.points)
     try:
-        states = reference_solution(system, np.array(settings.initial_state, dtype=np.float64), times)
+        truth.states(times)
     except ValueError:  # a system that cannot be solved is for the run to tell
         return True, True
-    targets = truth_targets(system, states[:: config.eigen.every], config.target.frequency_factor)
+    targets = TruthTarget(truth, config.target.frequency_factor).rows(times[:: config.eigen.every])
     return bool(targets.pairs.any()), bool(np.isfinite(targets.stiffness).any())

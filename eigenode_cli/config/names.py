@@ -3,13 +3,35 @@
 The modules that implement them hold a registry under the same names; a test keeps the two equal.
 """
 
+from collections.abc import Iterator
+from typing import Any
+
+from eigenode_cli.terms import canonical, split_grads
+
 ACTIVATIONS = ("tanh", "sigmoid", "relu", "softplus", "silu", "elu", "sin", "identity")
 INITS = ("glorot", "uniform01", "kaiming")
 STRUCTURES = ("second_order", "full")
 SCALINGS = ("none", "max_abs")
+SCALING_SOURCES = ("data", "truth")
+LINEARS = ("none", "zero")
+BLOCKS = ("network", "linear", "initial_state")
 ERRORS = ("mae", "mse", "huber")
 ON_UNSOLVABLE = ("stabilise", "skip", "stop")
 JACOBIANS = ("autodiff", "finite_difference", "symbolic")
 SPECTRA_AT = ("trajectory", "data")
 EIGENVALUE_COUNTS = ("spectrum", "times")
 SENSITIVITIES = ("auto", "forward", "adjoint")
+
+
+def named_terms(config: Any) -> Iterator[tuple[str, str]]:
+    """Yield every setting that names terms to train, as key and text: `grads`, then those of the stages."""
+    yield "grads", config.grads
+    for number, stage in enumerate(config.stages):
+        if stage.terms is not None:
+            yield f"stages.{number}.terms", stage.terms
+
+
+def training_terms(config: Any) -> tuple[str, ...]:
+    """Return every term whose gradient trains in any stage, in canonical order."""
+    words = [word for _, text in named_terms(config) for word in split_grads(text)]
+    return canonical(list(dict.fromkeys(words)))

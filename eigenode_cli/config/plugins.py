@@ -173,11 +173,14 @@ def _option(plugin: type, name: str, hint: Any, default: Any) -> tuple[str, Any,
             f"{plugin.__name__}: its argument '{name}' needs a type: float, int, str, bool, or a list of them"
         )
     metadata = {"constraint": Constraint(**constraint)}
+    entry: Any  # a Field, which type checkers take for its default
     if default is inspect.Parameter.empty:
-        return name, plain, field(default=MISSING, metadata=metadata)
-    if isinstance(default, Sequence) and not isinstance(default, str):
-        return name, plain, field(default_factory=lambda: list(default), metadata=metadata)
-    return name, plain, field(default=default, metadata=metadata)
+        entry = field(default=MISSING, metadata=metadata)
+    elif isinstance(default, Sequence) and not isinstance(default, str):
+        entry = field(default_factory=lambda: list(default), metadata=metadata)
+    else:
+        entry = field(default=default, metadata=metadata)
+    return name, plain, entry
 
 
 def _plain_type(hint: Any) -> Any:

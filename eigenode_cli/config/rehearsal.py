@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator
 
-import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from eigenode_cli.config.build import build_field, build_system
+from eigenode_cli.config.build import build_dataset, build_field, build_truth
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.data.simulate import sample, truth_spectra, with_noise
+from eigenode_cli.data import TruthTarget
 from eigenode_cli.terms.user import load_user_terms, value_fault
 
 
@@ -18,18 +17,19 @@ def rehearse(config: DictConfig) -> Iterator[str]:
     A term that raises is left to the run, which keeps its traceback: it may need what only a training gives it.
     """
     settings = TrainConfig(**vars(OmegaConf.to_object(config)))
-    system = build_system(settings.system)
-    start = np.array(settings.system.initial_state, dtype=np.float64)
+    truth = build_truth(settings.system)
     try:
-        truth = sample(system, start, settings.system.horizon, settings.system.points, settings.system.observed)
+        series = build_dataset(settings.system, truth, settings.seed).series[0]
     except ValueError:  # the run says so
         return
+    states = truth.states(series.times)
+    spectra = TruthTarget(truth).spectra(series.times[:: settings.eigen.every])
     known = {
-        "trajectory": torch.from_numpy(truth.states).requires_grad_(),
-        "spectra": torch.from_numpy(truth_spectra(system, truth.states[:: settings.eigen.every], 1.0)).requires_grad_(),
-        "times": torch.from_numpy(truth.times),
-        "data": torch.from_numpy(with_noise(truth, settings.system.noise, settings.seed).seen),
-        "field": build_field(settings.network, truth.states, system.dynamics(truth.states), settings.seed),
+        "trajectory": torch.from_numpy(states).requires_grad_(),
+        "spectra": torch.from_numpy(spectra).requires_grad_(),
+        "times": torch.from_numpy(series.times),
+        "data": torch.from_numpy(series.seen),
+        "field": build_field(settings.network, states, truth.system.dynamics(states), settings.seed),
     }
     for term in load_user_terms(settings.terms, tuple(settings.terms), print).values():
         try:

@@ -5,6 +5,7 @@ chosen method would ignore is an unknown key. Importing this module costs nothin
 """
 # ruff: noqa: RUF009  # option() is dataclasses.field() with a constraint
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from omegaconf import MISSING
@@ -30,8 +31,10 @@ class SystemConfig:
     observed: list[str] = MISSING
     """Names of the states that the data shows and SOL compares."""
     noise: float = option(at_least=0)
-    """Standard deviation of Gaussian noise on what the data shows, as a share of each state's largest modulus. The
-    initial state, which is known, has none, and targets are those of the truth."""
+    """Standard deviation of Gaussian noise on what the data shows, as a share of each state's largest modulus. What is
+    known of the initial state has none, and targets are those of the truth."""
+    initial_known: list[str] | None = MISSING
+    """Names of the states whose value at time 0 is known; null for all. The others start from a trained value."""
 
 
 @dataclass
@@ -63,6 +66,8 @@ class NetworkConfig:
     """The class, `module:Class`; its constructor takes the options that are not here."""
     structure: str = option(choices=names.STRUCTURES)
     """How the network's output becomes dx/dt: second_order | full."""
+    linear: str = option(choices=names.LINEARS)
+    """A learned linear part beside the network, and its initial value: none (there is none) | zero."""
 
 
 @dataclass
@@ -79,6 +84,9 @@ class MlpConfig(NetworkConfig):
     """none | max_abs: divide each state by its largest modulus in the data."""
     output_scaling: str = option(choices=names.SCALINGS)
     """none | max_abs: multiply each output by the largest modulus of that derivative in the data."""
+    scaling_from: str = option(choices=names.SCALING_SOURCES)
+    """What those largest values are taken from: data (measured states, the others reconstructed) | truth (the reference
+    solution, as in the authors' code)."""
 
 
 @dataclass
@@ -214,6 +222,25 @@ class StatedTargetConfig(TargetConfig):
 
 
 @dataclass
+class StageConfig:
+    """One part of a training; a stage in a list leaves out what is as usual, so that these settings have defaults."""
+
+    steps: int | None = option(at_least=1, default=None)
+    """Training steps; null for an equal share of those that no other stage takes."""
+    terms: str | None = option(default=None)
+    """Terms, joined by +, whose gradients train; null for those of `grads`."""
+    horizons: list[float] = option(above=0, at_most=1, default=(1.0,))
+    """Growing horizon: leading fractions of it, each trained for an equal share of the stage's steps."""
+    spectra: str = option(choices=names.SPECTRA_AT, default="trajectory")
+    """Where the spectral terms that train are taken: trajectory (the model's own, up to the growing horizon) | data
+    (all data states). The recorded ones are those along the trajectory."""
+    solve: bool = option(default=True)
+    """Whether anything is solved; false trains the spectral terms alone, at the data states."""
+    trained: list[str] | None = option(choices=names.BLOCKS, default=None)
+    """Blocks of parameters that train, some of network, linear, initial_state; null for all. The others are held."""
+
+
+@dataclass
 class TrainerConfig:
     """Length of the training and what is written."""
 
@@ -222,14 +249,6 @@ class TrainerConfig:
     """Steps between rows of metrics.csv."""
     checkpoint_every: int = option(at_least=1)
     """Steps between checkpoints."""
-    spectral_steps: int = option(at_least=0)
-    """Leading steps that nothing is solved in: the spectral terms alone train, at the data states; 0 for none."""
-    horizons: list[float] = option(above=0, at_most=1)
-    """Growing horizon: leading fractions of it, each trained for an equal share of the steps; [1] for all at once."""
-    pretrain: str | None = MISSING
-    """Terms, joined by +, whose gradients train in place of `grads` at first; null for none."""
-    pretrain_steps: int = option(at_least=0)
-    """How many of the steps that takes, over the whole horizon; `horizons` share the others."""
     figures: bool = MISSING
     """Whether figures and the report are made at the end; `eigenode plot` and `report` make them later."""
     on_unsolvable: str = option(choices=names.ON_UNSOLVABLE)
@@ -242,9 +261,6 @@ class EigenConfig:
 
     every: int = option(at_least=1)
     """A spectrum at every k-th data time."""
-    at: str = option(choices=names.SPECTRA_AT)
-    """Where the spectral terms that train are taken: trajectory (the model's own, up to the growing horizon) | data
-    (all data states). The recorded ones are those along the trajectory."""
     jacobian: str = option(choices=names.JACOBIANS)
     """How A = df/dx is computed: autodiff | finite_difference | symbolic."""
     max_condition: float = option(at_least=1)
@@ -282,6 +298,8 @@ class TrainConfig:
     engine: EngineConfig = MISSING
     target: TargetConfig = MISSING
     trainer: TrainerConfig = MISSING
+    stages: list[StageConfig] = MISSING
+    """The training as a list of stages, one after another."""
     eigen: EigenConfig = MISSING
     error: ErrorConfig = MISSING
     protocol: str = MISSING
@@ -298,15 +316,15 @@ class TrainConfig:
     """Runs side by side that differ in the seed alone: `seed` and those that follow it."""
 
 
-ADAPTIVE = ("tsit5", "dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
-FIXED = ("rk4", "euler", "midpoint", "heun3")
+ADAPTIVE: tuple[str, ...] = ("tsit5", "dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
+FIXED: tuple[str, ...] = ("rk4", "euler", "midpoint", "heun3")
 
-SCHEMAS: dict[str, dict[str, type]] = {
+SCHEMAS: Mapping[str, Mapping[str, type]] = {
     "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig},
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
-    "solver": dict.fromkeys(ADAPTIVE, AdaptiveSolverConfig) | dict.fromkeys(FIXED, FixedSolverConfig),
+    "solver": {**dict.fromkeys(ADAPTIVE, AdaptiveSolverConfig), **dict.fromkeys(FIXED, FixedSolverConfig)},
     "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "sgd": SgdConfig},
-    "combine": {"sequential": SequentialConfig} | dict.fromkeys(("sum", "mean", "switch", "mix"), CombineConfig),
+    "combine": {"sequential": SequentialConfig, **dict.fromkeys(("sum", "mean", "switch", "mix"), CombineConfig)},
     "engine": {"auto": EngineConfig, "torch": EngineConfig, "compiled": CompiledEngineConfig},
     "target": {"truth": TruthTargetConfig, "stated": StatedTargetConfig},
 }

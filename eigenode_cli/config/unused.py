@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 from omegaconf import DictConfig
 
-from eigenode_cli.terms import training_terms
+from eigenode_cli.config.names import training_terms
 
-SPECTRAL_ONLY = ("eigen.max_condition", "eigen.at", "trainer.spectral_steps")
+SPECTRAL_ONLY = ("eigen.max_condition",)
 """Keys that only the gradients of spectral terms depend on."""
 
 
@@ -26,7 +26,7 @@ def useless_options(config: DictConfig, typed: Sequence[str]) -> dict[str, str]:
 
 def _reason(config: DictConfig, key: str) -> str | None:
     """Why nothing reads a key, or None."""
-    words = list(training_terms(config.grads, config.trainer.pretrain))
+    words = list(training_terms(config))
     group, _, name = key.rpartition(".")
     reasons = (
         (
@@ -40,6 +40,11 @@ def _reason(config: DictConfig, key: str) -> str | None:
         (
             key in ("optimizer.lr_rate", "optimizer.lr_every") and config.optimizer.lr_extra == 0.0,
             "the learning rate is constant; optimizer.lr_extra=... lets it decay",
+        ),
+        (
+            key == "network.scaling_from"
+            and "max_abs" not in (config.network.get("input_scaling"), config.network.get("output_scaling")),
+            "nothing is scaled; choose network.input_scaling=max_abs or network.output_scaling=max_abs",
         ),
         (
             key == "eigen.eigenvalue_count" and words in (["sol"], ["stf"], ["sol", "stf"]),

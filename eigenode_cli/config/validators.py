@@ -55,9 +55,13 @@ def option(
     at_most: float | None = None,
     below: float | None = None,
     choices: tuple[str, ...] = (),
+    default: Any = MISSING,
 ) -> Any:
-    """A field of the schema without a default, with its constraint."""
-    return field(default=MISSING, metadata={"constraint": Constraint(at_least, above, at_most, below, choices)})
+    """Return a field of the schema with its constraint, and a default where one is given (a tuple for a list)."""
+    metadata = {"constraint": Constraint(at_least, above, at_most, below, choices)}
+    if isinstance(default, tuple):
+        return field(default_factory=lambda: list(default), metadata=metadata)
+    return field(default=default, metadata=metadata)
 
 
 def constraint_of(entry: "Field[Any]") -> Constraint:

@@ -8,13 +8,14 @@ from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 
+from eigenode_cli.config.names import named_terms, training_terms
 from eigenode_cli.config.plugins import unresolved
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.validators import constraint_of
 from eigenode_cli.engines.support import obstacle
 from eigenode_cli.errors import nearest, unknown
 from eigenode_cli.runs.paths import hidden
-from eigenode_cli.terms import NAMES, split_grads, training_terms
+from eigenode_cli.terms import NAMES, split_grads
 from eigenode_cli.terms.arguments import arguments_of
 
 NO_SYMBOLIC_JACOBIAN = ("polynomial",)
@@ -62,6 +63,10 @@ def _node_faults(node: DictConfig, schema: type[Any], prefix: str) -> Iterator[s
 
 
 def _value_faults(value: Any, entry: "Field[Any]", key: str) -> Iterator[str]:
+    if OmegaConf.is_list(value) and any(OmegaConf.is_dict(item) for item in value):
+        for number, item in enumerate(value):
+            yield from _node_faults(item, cast(type, OmegaConf.get_type(item)), f"{key}.{number}.")
+        return
     below = OmegaConf.get_type(value) if OmegaConf.is_dict(value) else None
     if below is not None and below is not dict:
         yield from _node_faults(value, below, f"{key}.")
@@ -75,10 +80,10 @@ def _value_faults(value: Any, entry: "Field[Any]", key: str) -> Iterator[str]:
 
 
 def _terms(config: DictConfig) -> Iterator[str]:
-    """Every word of `grads` and `trainer.pretrain`, every scale and every own term has a name that exists."""
+    """Every word of `grads` and of a stage's terms, every scale and every own term has a name that exists."""
     known = [*NAMES, *config.terms]
-    for key, text in (("grads", config.grads), ("trainer.pretrain", config.trainer.pretrain)):
-        words = [] if text is None else split_grads(text)
+    for key, text in named_terms(config):
+        words = split_grads(text)
         for word in dict.fromkeys(words):
             if not word:
                 yield f"{key}={text}: an empty term; join terms with +, for example {key}=sol+frq"
@@ -134,7 +139,7 @@ def _system(config: DictConfig) -> Iterator[str]:
     from eigenode_cli.config.build import build_system  # noqa: PLC0415  # NumPy, only for a line that is otherwise right
 
     system = config.system
-    if any(_node_faults(system, OmegaConf.get_type(system), "system.")):
+    if any(_node_faults(system, cast(type, OmegaConf.get_type(system)), "system.")):
         return  # it may not be possible to build it
     try:
         states = [state.name for state in build_system(OmegaConf.to_object(system)).states]
@@ -153,6 +158,48 @@ def _system(config: DictConfig) -> Iterator[str]:
             yield f"system.observed={show(system.observed)}: {unknown('state', name, states)}"
         elif list(system.observed).count(name) > 1:
             yield f"system.observed={show(system.observed)}: state '{name}' is repeated; write it once"
+
+
+def _hidden_states(config: DictConfig) -> Iterator[str]:
+    """What needs all states at the data times finds them measured, or they can be reconstructed."""
+    from eigenode_cli.config.build import build_system  # noqa: PLC0415  # as above
+
+    system = config.system
+    try:
+        states = [state.name for state in build_system(OmegaConf.to_object(system)).states]
+    except Exception:  # `_system` says so
+        return
+    if system.initial_known is not None:
+        for name in dict.fromkeys(system.initial_known):
+            if name not in states:
+                yield f"system.initial_known={show(system.initial_known)}: {unknown('state', name, states)}"
+    hidden_ones = _not_to_be_known(states, list(system.observed), config.network.structure)
+    if not hidden_ones:
+        return
+    reason = (
+        f"needs all states at the data times, and nothing is known of {', '.join(hidden_ones)} (a velocity follows from"
+        " its position and the other way round with network.structure=second_order); add to system.observed"
+    )
+    for number, stage in enumerate(config.stages):
+        for key, value, applies in (("solve", "false", not stage.solve), ("spectra", "data", stage.spectra == "data")):
+            if applies:
+                yield f"stages.{number}.{key}={value}: {reason}"
+    if config.trainer.on_unsolvable == "stabilise" and set(training_terms(config)) - {"sol"}:
+        yield f"trainer.on_unsolvable=stabilise: {reason}, or write trainer.on_unsolvable=skip"
+    scalings = [key for key in ("input_scaling", "output_scaling") if config.network.get(key) == "max_abs"]
+    if scalings and config.network.scaling_from == "data":
+        yield f"network.{scalings[0]}=max_abs: {reason}"
+
+
+def _not_to_be_known(states: list[str], observed: list[str], structure: str) -> list[str]:
+    """Names of the states that were neither measured nor can be reconstructed."""
+    half = len(states) // 2
+    missing = []
+    for number, name in enumerate(states):
+        partner = states[(number + half) % len(states)] if structure == "second_order" else name
+        if name not in observed and partner not in observed:
+            missing.append(name)
+    return missing
 
 
 def _network(config: DictConfig) -> Iterator[str]:
@@ -176,37 +223,47 @@ def _eigen(config: DictConfig) -> Iterator[str]:
         yield f"eigen.every={config.eigen.every}: must be at most system.points={config.system.points}"
 
 
-def _trainer(config: DictConfig) -> Iterator[str]:
-    """A growing horizon grows, up to the whole of it, and pre-training has terms and a part of the steps."""
-    horizons = list(config.trainer.horizons)
-    if not horizons or horizons != sorted(set(horizons)) or horizons[-1] != 1.0:
-        yield (
-            f"trainer.horizons={show(config.trainer.horizons)}: must be growing fractions that end with 1,"
-            " for example [0.25,0.5,1]"
-        )
-    terms, share, steps = config.trainer.pretrain, config.trainer.pretrain_steps, config.trainer.steps
-    if terms is None and share > 0:
-        yield f"trainer.pretrain_steps={share}: no terms to train with; name them, for example trainer.pretrain=frq+dmp"
-    if terms is not None and share == 0:
-        yield f"trainer.pretrain={terms}: how long? write trainer.pretrain_steps=... (of trainer.steps={steps})"
-    if 0 < steps <= share:
-        yield f"trainer.pretrain_steps={share}: must be below trainer.steps={steps}, grads={config.grads} has the rest"
-    trainer = config.trainer
-    if trainer.spectral_steps > 0 and share > 0:
-        yield (
-            f"trainer.pretrain_steps={share}: trainer.spectral_steps={trainer.spectral_steps} is a pre-training, too;"
-            " set one of them to 0"
-        )
-    if 0 < trainer.spectral_steps >= trainer.steps:
-        yield (
-            f"trainer.spectral_steps={trainer.spectral_steps}: must be below trainer.steps={trainer.steps},"
-            " or nothing is ever solved"
-        )
+def _stages(config: DictConfig) -> Iterator[str]:
+    """Each stage has something to train, and together they take all steps."""
+    stages, steps = config.stages, config.trainer.steps
+    if not stages:
+        yield "stages=[]: nothing is trained; write at least stages=[{horizons:[1.0]}]"
+    for number, stage in enumerate(stages):
+        key, horizons = f"stages.{number}", list(stage.horizons)
+        if not horizons or horizons != sorted(set(horizons)):
+            yield f"{key}.horizons={show(horizons)}: must be growing fractions, for example [0.25,0.5,1]"
+        terms = split_grads(config.grads if stage.terms is None else stage.terms)
+        if not (stage.solve or set(terms) & set(NAMES[1:])):
+            yield f"{key}.solve=false: {'+'.join(terms)} has no term of the spectrum, so that nothing trains"
+        blocks = _blocks(config)
+        if stage.trained is not None and not set(stage.trained) <= set(blocks):
+            yield f"{key}.trained={show(stage.trained)}: there is no such block; this run has {', '.join(blocks)}"
+        if not stage.solve and horizons != [1.0]:
+            yield f"{key}.horizons={show(horizons)}: no effect, as {key}.solve=false solves nothing"
+    if stages and list(stages[-1].horizons)[-1:] != [1.0]:
+        last = len(stages) - 1
+        yield f"stages.{last}.horizons={show(stages[last].horizons)}: the last one must be 1, the whole horizon"
+    named = sum(stage.steps or 0 for stage in stages)
+    shares = sum(stage.steps is None for stage in stages)
+    if steps < named + shares:
+        yield f"trainer.steps={steps}: the stages take {named} of them, {shares} more share the rest; give more steps"
+    elif stages and shares == 0 and named != steps:
+        yield f"trainer.steps={steps}: the stages take {named} of them; leave out the steps of one, which has the rest"
+
+
+def _blocks(config: DictConfig) -> list[str]:
+    """Names of the blocks of parameters that the run has."""
+    known = config.system.initial_known
+    return [
+        "network",
+        *(["linear"] if config.network.linear != "none" else []),
+        *(["initial_state"] if known is not None and len(known) < len(config.system.initial_state) else []),
+    ]
 
 
 def _engine(config: DictConfig) -> Iterator[str]:
     """The compiled engine can do what is asked of it."""
-    reason = obstacle(cast(TrainConfig, config))
+    reason = obstacle(config.network.name, config.solver.name, config.eigen.jacobian)
     if config.engine.name == "compiled" and reason is not None:
         yield f"engine=compiled: it has no {reason}; write engine=torch or engine=auto"
 
@@ -227,9 +284,9 @@ def _target(config: DictConfig) -> Iterator[str]:
         )
     if count > pairs:
         yield f"target.frequency={show(target.frequency)}: {config.system.name} has room for {pairs} pair(s)"
-    grads, pretrain = config.grads, config.trainer.pretrain
-    for word in training_terms(grads, pretrain):
-        key = f"grads={grads}" if word in split_grads(grads) else f"trainer.pretrain={pretrain}"
+    origin = {word: f"{key}={text}" for key, text in reversed(list(named_terms(config))) for word in split_grads(text)}
+    for word in training_terms(config):
+        key = origin[word]
         if word in ("frq", "dmp", "osc") and count == 0:
             yield f"{key}: {word} has nothing to meet; state target.frequency and target.damping"
         if word == "stf" and corridor is None:
@@ -239,9 +296,10 @@ def _target(config: DictConfig) -> Iterator[str]:
 CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (
     _terms,
     _system,
+    _hidden_states,
     _network,
     _eigen,
-    _trainer,
+    _stages,
     _engine,
     _target,
     _own_terms,

@@ -1,60 +1,100 @@
-"""What is known of a system: observed states, and what its spectrum is compared with."""
+"""What was measured of a system: one or several trajectories, and what is known of their initial states."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenode_cli.arrays import Floats, Integers
 from eigenode_cli.solve.times import checked_times
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Data:
-    """Observations of a system.
+class Series:
+    """One measured trajectory.
 
     Attributes:
-        times: data times in s `(N,)`, ascending, the first is that of the initial state.
-        states: states at those times `(N, n)`.
-        mask: which entries of `states` are observed, so that SOL compares them `(N, n)`.
+        times: data times in s `(N,)`, ascending; the first one is that of the initial state.
+        values: measured states `(N, n)`, NaN where a state was not measured.
+        initial_state: what is known of the state at the first time `(n,)`, NaN where nothing is: the model then starts
+            from a trained value.
 
     Raises:
-        ValueError: the times are not finite and ascending.
+        ValueError: the times are not finite and ascending, shapes do not fit together, or nothing was measured.
     """
 
     times: Floats
-    states: Floats
-    mask: NDArray[np.bool_]
+    values: Floats
+    initial_state: Floats
 
     def __post_init__(self) -> None:
-        """Check the times and make them float64."""
+        """Check shapes and times, and make everything float64."""
         object.__setattr__(self, "times", checked_times(self.times))
+        object.__setattr__(self, "values", np.ascontiguousarray(self.values, dtype=np.float64))
+        object.__setattr__(self, "initial_state", np.array(self.initial_state, dtype=np.float64))
+        if self.values.ndim != 2 or self.values.shape[0] != self.times.size:
+            raise ValueError(f"values have shape {self.values.shape}, there are {self.times.size} times")
+        if self.initial_state.shape != self.values.shape[1:]:
+            raise ValueError(
+                f"the initial state has shape {self.initial_state.shape}, of {self.values.shape[1]} states"
+            )
+        if not self.mask.any():
+            raise ValueError("nothing was measured: all values are NaN")
+
+    @cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """Which entries of `values` were measured, so that SOL compares them `(N, n)`."""
+        return np.isfinite(self.values)
+
+    @property
+    def states(self) -> int:
+        """Number of states n."""
+        return self.values.shape[1]
+
+    @property
+    def unknown(self) -> Integers:
+        """Indices of the states whose initial value is unknown."""
+        return np.flatnonzero(np.isnan(self.initial_state))
 
     @property
     def seen(self) -> Floats:
-        """What is known of the states `(N, n)`: NaN where nothing is observed, but for the initial state."""
-        seen = np.where(self.mask, self.states, np.nan)
-        seen[0] = self.states[0]
+        """Everything that is known of the states `(N, n)`: the measured values and the initial state."""
+        seen = self.values.copy()
+        seen[0] = np.where(np.isnan(self.initial_state), seen[0], self.initial_state)
         return seen
+
+    @property
+    def sizes(self) -> Floats:
+        """Largest modulus that is known of each state `(n,)`; 0 where nothing is."""
+        return np.nan_to_num(np.abs(self.seen), nan=0.0).max(axis=0)
+
+    def leading(self, count: int) -> "Series":
+        """Return the first `count` data times of it."""
+        return Series(self.times[:count], self.values[:count], self.initial_state)
 
 
 @dataclass(frozen=True)
-class Targets:
-    """What the spectral terms compare the spectra with, one row a spectrum (T rows, K the most pairs of a row).
+class Dataset:
+    """All that training sees of a system.
 
     Attributes:
-        frequency: of each pair in Hz `(T, K)`, ascending in a row, NaN behind the last.
-        damping: damping ratio of the same pairs `(T, K)`.
-        pairs: number of pairs `(T,)`.
-        stiffness: corridor of the stiffness ratio `(T, 2)`; infinite where the target's ratio is.
+        series: one or several trajectories of the same states.
+        states: names of the states, as in the files.
+
+    Raises:
+        ValueError: there is no trajectory, or their states differ.
     """
 
-    frequency: Floats
-    damping: Floats
-    pairs: NDArray[np.int64]
-    stiffness: Floats
+    series: tuple[Series, ...]
+    states: tuple[str, ...]
 
-    def rows(self, index: NDArray[np.int64]) -> "Targets":
-        """The targets of the spectra with these indices, which may repeat."""
-        return Targets(self.frequency[index], self.damping[index], self.pairs[index], self.stiffness[index])
+    def __init__(self, series: Series | Sequence[Series], states: Sequence[str]) -> None:
+        object.__setattr__(self, "series", (series,) if isinstance(series, Series) else tuple(series))
+        object.__setattr__(self, "states", tuple(states))
+        if not self.series:
+            raise ValueError("a dataset needs at least one trajectory")
+        for one in self.series:
+            if one.states != len(self.states):
+                raise ValueError(f"a trajectory of {one.states} states, named are {', '.join(self.states)}")

@@ -1,17 +1,17 @@
 """What an engine is: parameters in, loss Jacobian out. Trainer, combinations and recorder know nothing else of it."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenode_cli.arrays import Complexes, Floats
+from eigenode_cli.engines.problem import Problem
+from eigenode_cli.engines.update import Update, learn
 from eigenode_cli.solve.status import SOLVED, Status
-from eigenode_cli.training.update import Rule, learn
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+from eigenode_cli.terms import NAMES
 
 
 @dataclass(frozen=True)
@@ -74,21 +74,47 @@ class Advance:
 
 
 @dataclass(frozen=True)
-class ArrayTerm:
-    """A user's own term on arrays, with its derivatives, as the compiled engine takes it.
+class ResidualJacobian:
+    """Residuals of the named terms and their derivatives in the parameters, as least squares needs them.
+
+    SOL has one residual for every measured value, the difference itself. A spectral term has one for every spectrum:
+    the root of the term's value there with squares as errors, zero where nothing is compared.
 
     Attributes:
-        function: `(theta (P,), trajectory (N, n), spectra (T, n))` to value, `dl/dx (N, n)`, `dl/dRe + i dl/dIm
-            (T, n)`, and the derivative in theta at constant trajectory and spectra `(P,)`, 0 where it has none.
-        needs_solve: whether it looks at trajectory or spectra, so that it is undefined where a solve fails.
+        residuals: of all terms one behind the other `(R,)`; meaningless unless the solve succeeded.
+        jacobian: their derivatives `(R, P)`; `(0, P)` where they were not asked for.
+        rows: which residuals are those of a term, by its name.
+        values: of the named terms `(L,)`, unscaled, with their own error functions.
+        status: how the solve ended.
+        n_accepted: solver steps.
     """
 
-    function: Callable[[Floats, Floats, Complexes], tuple[float, Floats, Complexes, Floats | float]]
-    needs_solve: bool = True
+    residuals: Floats
+    jacobian: Floats
+    rows: Mapping[str, slice]
+    values: Floats
+    status: Status
+    n_accepted: int
+
+
+def residual_rows(problem: Problem) -> dict[str, slice]:
+    """Return which residuals are those of each named term.
+
+    Raises:
+        ValueError: nothing is solved, or a term is none of the six.
+    """
+    if not problem.solved or not set(problem.terms) <= set(NAMES):
+        raise ValueError("residuals are those of the six terms along a solution")
+    rows, start = {}, 0
+    for term in problem.terms:
+        count = problem.measured if term == NAMES[0] else problem.spectral_index.size
+        rows[term] = slice(start, start + count)
+        start += count
+    return rows
 
 
 class Engine(Protocol):
-    """Both engines implement this and nothing more."""
+    """What an engine offers; `engine=` names the two that there are."""
 
     name: str
     """As in `engine=`."""
@@ -102,12 +128,20 @@ class Engine(Protocol):
         """Values and gradients of the named terms at the parameters `theta (P,)`."""
         ...
 
-    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+    def residual_jacobian(self, theta: Floats, differentiated: bool = True) -> ResidualJacobian:
+        """Return residuals of the named terms and, where they are `differentiated`, their derivatives at `theta (P,)`.
+
+        Raises:
+            ValueError: nothing is solved, or a named term is none of the six.
+        """
+        ...
+
+    def advance(self, theta: Floats, update: Update, rates: Floats, halt: bool) -> Advance:
         """Take training steps with the learning rates `rates (K,)`, at least one, and all that need no Python between.
 
         Args:
             theta: parameters `(P,)`, changed in place.
-            rule: how the gradients change them.
+            update: how the gradients change them.
             rates: learning rate of each step.
             halt: end behind a solve that failed, and leave the parameters as they were for it.
         """
@@ -126,9 +160,9 @@ def unheard(_message: str) -> None:
     """Announce nothing, where nobody is told that an engine compiles."""
 
 
-def single_step(engine: Engine, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+def single_step(engine: Engine, theta: Floats, update: Update, rates: Floats, halt: bool) -> Advance:
     """`Engine.advance` by one step, for engines that need Python in each."""
     jacobian = engine.loss_jacobian(theta)
     if jacobian.status in SOLVED or not halt:
-        learn(rule, theta, jacobian.gradients, rates[0])
+        learn(update, theta, jacobian.gradients, rates[0])
     return Advance(jacobian.values[None], np.array([jacobian.status]), jacobian.guard_count)

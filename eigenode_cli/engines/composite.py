@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from eigenode_cli.engines.base import Advance, Engine, Evaluation, Floats, LossJacobian, single_step
+from eigenode_cli.arrays import Floats
+from eigenode_cli.engines.base import Advance, Engine, Evaluation, LossJacobian, ResidualJacobian, single_step
+from eigenode_cli.engines.update import Update
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES
-from eigenode_cli.training.update import Rule
 
 SPECTRAL = NAMES[1:]
 """The terms that need no solution, only states to take a spectrum at."""
@@ -46,9 +47,14 @@ class SplitEngine:
         guards = solved.guard_count + spectral.guard_count
         return replace(solved, values=values, gradients=gradients, guard_count=guards)
 
-    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+    def residual_jacobian(self, theta: Floats, differentiated: bool = True) -> ResidualJacobian:
+        """See `Engine.residual_jacobian`: there is none where spectra are taken apart from the solution."""
+        del theta, differentiated
+        raise ValueError("residuals are those of the six terms along a solution")
+
+    def advance(self, theta: Floats, update: Update, rates: Floats, halt: bool) -> Advance:
         """See `Engine.advance`: one step."""
-        return single_step(self, theta, rule, rates, halt)
+        return single_step(self, theta, update, rates, halt)
 
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         """See `Engine.evaluate`."""

@@ -1,12 +1,11 @@
-"""Which engine a run gets."""
+"""Which engine a training gets."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import cast
 
 import numpy as np
 
-from eigenode_cli.config.schema import CompiledEngineConfig, TrainConfig
-from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.problem import Problem
@@ -17,42 +16,51 @@ from eigenode_cli.terms.user import UserTerm, on_arrays
 
 
 def build_engine(
-    config: TrainConfig,
     field: VectorField,
     problem: Problem,
-    user_terms: dict[str, UserTerm],
-    announce: Callable[[str], None],
+    user_terms: Mapping[str, UserTerm] | None = None,
+    engine: str = "auto",
+    sensitivity: str = "auto",
+    announce: Callable[[str], None] = unheard,
 ) -> Engine:
-    """The engine that `engine=` asks for: with `auto` the compiled one where it can.
+    """Return the engine of a problem.
 
     Args:
-        config: of the run.
         field: the vector field.
         problem: data, targets, terms, solver.
         user_terms: the user's own terms by name.
+        engine: compiled | torch | auto: the compiled one where it can.
+        sensitivity: of the compiled engine: auto | forward | adjoint.
         announce: called with a line that the user should see.
 
     Raises:
         ValueError: `engine=compiled` for what it can't do.
     """
-    reason = obstacle(config)
-    if config.engine.name == "torch" or (config.engine.name == "auto" and reason is not None):
-        if reason is not None and config.engine.name == "auto":
+    network = "mlp" if type(field.network) is Mlp else type(field.network).__name__.lower()
+    reason = obstacle(network, problem.solver.name, problem.jacobian)
+    own = dict(user_terms or {})
+    if engine == "torch" or (engine == "auto" and reason is not None):
+        if reason is not None and engine == "auto":
             announce(f"engine: torch, because the compiled one has no {reason}")
         from eigenode_cli.engines.torch_engine import TorchEngine  # noqa: PLC0415  # torchdiffeq, only where it is used
 
-        return TorchEngine(field, problem, user_terms)
+        return TorchEngine(field, problem, own)
     if reason is not None:
         raise ValueError(f"engine=compiled has no {reason}")
-    sensitivity = config.engine.sensitivity if isinstance(config.engine, CompiledEngineConfig) else "auto"
     data = problem.data
-    own = {name: on_arrays(term, data.times, data.seen, field) for name, term in user_terms.items()}
-    return CompiledEngine(shape_of(field), problem, own, sensitivity, announce)
+    terms = {name: on_arrays(term, data.times, data.seen, field) for name, term in own.items()}
+    return CompiledEngine(shape_of(field), problem, terms, sensitivity, announce)
 
 
 def shape_of(field: VectorField) -> MlpShape:
-    """The description of a multilayer perceptron's field that kernels are built for."""
+    """Return the description of a multilayer perceptron's field that kernels are built for.
+
+    Raises:
+        ValueError: its network is no multilayer perceptron.
+    """
     network = cast(Mlp, field.network)
+    if not isinstance(network, Mlp):
+        raise ValueError(f"{type(field.network).__name__}: the compiled engine knows multilayer perceptrons")
     n, m = network.sizes[0], network.sizes[-1]
     return MlpShape(
         sizes=network.sizes,
@@ -60,4 +68,5 @@ def shape_of(field: VectorField) -> MlpShape:
         structure=field.structure,
         input_scale=np.ones(n) if network.input_scale is None else network.input_scale.numpy(),
         output_scale=np.ones(m) if network.output_scale is None else network.output_scale.numpy(),
+        linear=field.linear is not None,
     )

@@ -1,13 +1,15 @@
 """Everything about a training that both engines read, besides the vector field: plain arrays and numbers."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eigenode_cli.data.dataset import Data, Floats, Targets
-from eigenode_cli.solve.settings import Solver
+from eigenode_cli.arrays import Floats, Integers
+from eigenode_cli.data.dataset import Series
+from eigenode_cli.data.targets import Targets
+from eigenode_cli.solve.settings import AdaptiveSolver, Solver
+from eigenode_cli.terms import NAMES
 
 REACH = 10.0
 """A failed solve stabilises with the states that it reached within this multiple of the data's range. Farther out the
@@ -16,66 +18,96 @@ field has left what the data speak of, and its gradients would be of a size that
 
 @dataclass(frozen=True)
 class Problem:
-    """One training problem.
+    """One training problem: one measured trajectory with its targets, and what is asked of it.
 
     Attributes:
-        data: observations; the trajectory starts at `data.states[0]` and is compared at `data.times`.
+        data: measurements; the model starts from `data.initial_state`, whose unknown entries are the last parameters.
         targets: one row for every spectrum.
-        every: spectra are taken at `data.times[::every]`.
         terms: names of the terms whose gradients are wanted, canonical order `(L,)`.
+        every: spectra are taken at `data.times[::every]`.
+        states: states at the data times `(N, n)`, measured or reconstructed, at which spectra are taken where nothing
+            is solved; None where they are not known.
         errors: error function of each of the six terms `(6,)` (codes of `terms.errors`); `huber_delta` its threshold.
         margin: stability margin in 1/s.
         max_condition: guard on eigenvalue condition numbers.
         jacobian: autodiff | finite_difference | symbolic (the compiled engine computes the exact one).
         solver: method and tolerances.
-        stabilise: whether a failed solve still gives the spectral terms, on the part that was reached and on the data
-            states together, both held constant; otherwise all terms of a failed solve are NaN.
+        stabilise: whether a failed solve still gives the spectral terms, on the part that was reached and on `states`
+            together, both held constant; otherwise all terms of a failed solve are NaN.
         solved: whether anything is solved at all. If not, every loss Jacobian has the status `UNSOLVED` and gives the
-            spectral terms, at the data states alone.
+            spectral terms, at `states` alone.
+
+    Raises:
+        ValueError: spectra are to be taken at `states` that are not known.
     """
 
-    data: Data
+    data: Series
     targets: Targets
-    every: int
-    terms: tuple[str, ...]
-    errors: NDArray[np.int64]
-    huber_delta: float
-    margin: float
-    max_condition: float
-    jacobian: str
-    solver: Solver
-    stabilise: bool
+    terms: tuple[str, ...] = NAMES
+    every: int = 1
+    states: Floats | None = None
+    errors: Integers = field(default_factory=lambda: np.zeros(len(NAMES), dtype=np.int64))
+    huber_delta: float = 1.0
+    margin: float = 0.0
+    max_condition: float = 1e4
+    jacobian: str = "autodiff"
+    solver: Solver = field(default_factory=AdaptiveSolver)
+    stabilise: bool = True
     solved: bool = True
 
+    def __post_init__(self) -> None:
+        """Take measured states where all are; check that there are any where they are needed."""
+        if self.states is None and np.isfinite(self.data.seen).all():
+            object.__setattr__(self, "states", self.data.seen)
+        known = self.states is not None and np.isfinite(self.states).all()
+        needed = not self.solved or (self.stabilise and self.terms != NAMES[:1])
+        if needed and not known:
+            raise ValueError(
+                "spectra at the data times need all states there: measure them, let them be reconstructed"
+                " (data.reconstruct), or set stabilise=False"
+            )
+
     @cached_property
-    def spectral_index(self) -> NDArray[np.int64]:
+    def spectral_index(self) -> Integers:
         """Indices of the data times at which spectra are taken `(T,)`."""
         return np.arange(0, self.data.times.size, self.every)
 
     @property
-    def initial_state(self) -> Floats:
-        """State at the first data time `(n,)`."""
-        return self.data.states[0]
+    def measured(self) -> int:
+        """Number of measured values, which SOL compares."""
+        return int(self.data.mask.sum())
+
+    @property
+    def sizes(self) -> Floats:
+        """Largest known modulus of each state `(n,)`; 1 where nothing is known."""
+        sizes = self.data.sizes if self.states is None else np.nan_to_num(np.abs(self.states)).max(axis=0)
+        return np.where(sizes > 0.0, sizes, 1.0)
+
+    def start(self, theta: Floats) -> Floats:
+        """Return the state that the model starts from `(n,)`, with the last parameters of `theta (P,)` in it."""
+        state, unknown = self.data.initial_state.copy(), self.data.unknown
+        state[unknown] = theta[theta.size - unknown.size :]
+        return state
 
     def until(self, fraction: float) -> "Problem":
-        """The same problem over the leading `fraction` of the horizon, at least three data times of it."""
+        """Return the same problem over the leading `fraction` of the horizon, at least three data times of it."""
         times = self.data.times
         end = times[0] + fraction * (times[-1] - times[0])
-        count = max(3, int(np.searchsorted(times, end * (1.0 + 1e-12), side="right")))
-        data = Data(times[:count], self.data.states[:count], self.data.mask[:count])
-        return replace(self, data=data, targets=self.targets.rows(np.arange(-(-count // self.every))))
+        count = min(times.size, max(3, int(np.searchsorted(times, end * (1.0 + 1e-12), side="right"))))
+        states = None if self.states is None else self.states[:count]
+        targets = self.targets.rows(np.arange(-(-count // self.every)))
+        return replace(self, data=self.data.leading(count), states=states, targets=targets)
 
     def unsolved(self) -> "Problem":
-        """The spectral terms of the same problem at the data states, without a solve."""
+        """Return the spectral terms of the same problem at `states`, without a solve."""
         return replace(self, solved=False, stabilise=True)
 
-    def stabilising_rows(self, reached: Floats) -> NDArray[np.int64]:
-        """Which spectra a failed solve that reached these states `(R, n)` still contributes, as rows of `targets`.
+    def stabilising_rows(self, reached: Floats) -> Integers:
+        """Return which spectra a failed solve that reached these states `(R, n)` still contributes, rows of `targets`.
 
-        The leading ones, up to the first state that lies farther out than `REACH` times the data.
+        They are the leading ones, up to the first state that lies farther out than `REACH` times the data.
         """
         index = self.spectral_index
         rows = np.arange(np.searchsorted(index, reached.shape[0]))
-        limit = REACH * np.abs(self.data.states).max(axis=0)
-        inside = (np.abs(reached[index[rows]]) <= limit).all(axis=1)
+        inside = (np.abs(reached[index[rows]]) <= REACH * self.sizes).all(axis=1)
         return rows[np.logical_and.accumulate(inside)]

@@ -6,9 +6,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eigenode_cli.data.dataset import Targets
-from eigenode_cli.engines.base import Advance, Complexes, Evaluation, Floats, LossJacobian, single_step
+from eigenode_cli.arrays import Complexes, Floats
+from eigenode_cli.data.targets import Targets
+from eigenode_cli.engines.base import Advance, Evaluation, LossJacobian, ResidualJacobian, residual_rows, single_step
 from eigenode_cli.engines.problem import Problem
+from eigenode_cli.engines.update import Update
 from eigenode_cli.model import VectorField, load_flat
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import Trajectory, solve
@@ -16,9 +18,9 @@ from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.jacobian import jacobian
 from eigenode_cli.spectra.pairs import rounding_levels
 from eigenode_cli.terms import NAMES
+from eigenode_cli.terms.errors import MSE
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
 from eigenode_cli.terms.user import UserTerm
-from eigenode_cli.training.update import Rule
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class _Forward:
     trajectory: Trajectory
     spectra: Complexes
     guard_count: int
+    spectral: _Spectra
 
 
 class TorchEngine:
@@ -59,12 +62,37 @@ class TorchEngine:
         self._parameters = tuple(field.parameters())
         self._times = torch.from_numpy(problem.data.times)
         self._seen = torch.from_numpy(problem.data.seen)
-        self._start = torch.from_numpy(problem.initial_state)
-        self._sizes = torch.from_numpy(np.abs(problem.data.states).max(axis=0))
+        self._unknown = torch.from_numpy(problem.data.unknown)
+        self._initial = torch.zeros(self._unknown.numel(), dtype=torch.float64, requires_grad=True)
+        self._sizes = torch.from_numpy(problem.sizes)
+        self._n = problem.data.states
+
+    @property
+    def _leaves(self) -> tuple[Tensor, ...]:
+        """All parameters, in the order of theta."""
+        return (*self._parameters, self._initial) if self._unknown.numel() else self._parameters
+
+    def _load(self, theta: Floats) -> None:
+        """Take over the parameters.
+
+        Raises:
+            ValueError: `theta` has another length.
+        """
+        size = sum(leaf.numel() for leaf in self._leaves)
+        if theta.shape != (size,):
+            raise ValueError(f"theta has shape {theta.shape}, there are {size} parameters")
+        load_flat(self.field, theta)
+        with torch.no_grad():
+            self._initial[:] = torch.from_numpy(theta[theta.size - self._unknown.numel() :])
+
+    def _start(self) -> Tensor:
+        """Return the initial state `(n,)` with its trained entries."""
+        start = torch.from_numpy(self.problem.data.initial_state.copy())
+        return start.index_put((self._unknown,), self._initial) if self._unknown.numel() else start
 
     def loss_jacobian(self, theta: Floats, steps: list[float] | None = None) -> LossJacobian:
         """See `Engine.loss_jacobian`; `steps` holds the solver to given step sizes."""
-        load_flat(self.field, theta)
+        self._load(theta)
         forward = self._forward(self.problem.terms, steps)
         values = np.array([float(forward.values[term].detach()) for term in self.problem.terms])
         gradients = np.stack([self._gradient(term, forward.values[term]) for term in self.problem.terms])
@@ -79,17 +107,60 @@ class TorchEngine:
             guard_count=forward.guard_count,
         )
 
-    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+    def residual_jacobian(
+        self, theta: Floats, differentiated: bool = True, steps: list[float] | None = None
+    ) -> ResidualJacobian:
+        """See `Engine.residual_jacobian`: one backward pass for every residual."""
+        problem, rows = self.problem, residual_rows(self.problem)
+        self._load(theta)
+        forward = self._forward(problem.terms, steps)
+        residuals = torch.zeros(max(part.stop for part in rows.values()), dtype=torch.float64)
+        if forward.trajectory.status is Status.OK:
+            residuals = torch.cat([self._residuals(term, forward) for term in problem.terms])
+        jacobian = np.zeros((residuals.numel() if differentiated else 0, theta.size))
+        for number, row in enumerate(jacobian):
+            if residuals[number].requires_grad:
+                found = torch.autograd.grad(residuals[number], self._leaves, retain_graph=True, materialize_grads=True)
+                row[:] = torch.cat([part.reshape(-1) for part in found]).numpy()
+        values = np.array([float(forward.values[term].detach()) for term in problem.terms])
+        trajectory = forward.trajectory
+        return ResidualJacobian(
+            residuals.detach().numpy(), jacobian, rows, values, trajectory.status, trajectory.n_accepted
+        )
+
+    def _residuals(self, term: str, forward: _Forward) -> Tensor:
+        """Return the residuals of one term."""
+        problem = self.problem
+        if term == NAMES[0]:
+            mask = torch.from_numpy(problem.data.mask)
+            return forward.trajectory.states[mask] - torch.from_numpy(problem.data.values)[mask]
+        spectra, squares = forward.spectral, np.full(len(NAMES), MSE)
+        rows = []
+        for t in range(problem.spectral_index.size):
+            at = slice(t, t + 1)
+            value = spectral_values(
+                spectra.eigenvalues[at],
+                [term],
+                problem.targets.rows(np.array([t])),
+                problem.margin,
+                squares,
+                problem.huber_delta,
+                spectra.levels[at],
+            )[0]
+            rows.append(torch.sqrt(value) if value > 0.0 else torch.zeros((), dtype=torch.float64))
+        return torch.stack(rows)
+
+    def advance(self, theta: Floats, update: Update, rates: Floats, halt: bool) -> Advance:
         """See `Engine.advance`: one step."""
-        return single_step(self, theta, rule, rates, halt)
+        return single_step(self, theta, update, rates, halt)
 
     @torch.no_grad()
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         """See `Engine.evaluate`."""
-        load_flat(self.field, theta)
+        self._load(theta)
         forward = self._forward((*NAMES, *self.user_terms), None, recorded=True)
         outputs = torch.from_numpy(np.concatenate([self.problem.data.times[:1], times]))
-        dense = solve(self.field, self._start, outputs, self.problem.solver).padded(outputs.numel())[1:]
+        dense = solve(self.field, self._start(), outputs, self.problem.solver).padded(outputs.numel())[1:]
         return Evaluation(
             values=np.array([float(value) for value in forward.values.values()]),
             trajectory=forward.trajectory.padded(self._times.numel()),
@@ -103,26 +174,28 @@ class TorchEngine:
     def _forward(self, terms: tuple[str, ...], steps: list[float] | None, recorded: bool = False) -> _Forward:
         problem = self.problem
         trajectory = (
-            solve(self.field, self._start, self._times, problem.solver, steps)
+            solve(self.field, self._start(), self._times, problem.solver, steps)
             if problem.solved
-            else Trajectory(self._start.new_empty((0, self._start.numel())), Status.UNSOLVED, 0, 0, [])
+            else Trajectory(self._times.new_empty((0, self._n)), Status.UNSOLVED, 0, 0, [])
         )
         index = problem.spectral_index
         reached = int(np.searchsorted(index, trajectory.states.shape[0]))
-        along = np.full((index.size, self._start.numel()), np.nan, dtype=np.complex128)
+        along = np.full((index.size, self._n), np.nan, dtype=np.complex128)
         if terms == ("sol",):
-            nothing = _Spectra(torch.empty((0, self._start.numel()), dtype=torch.complex128), np.empty(0), 0)
-            return _Forward(self._values(terms, trajectory, nothing, problem.targets, recorded), trajectory, along, 0)
+            nothing = _Spectra(torch.empty((0, self._n), dtype=torch.complex128), np.empty(0), 0)
+            return _Forward(
+                self._values(terms, trajectory, nothing, problem.targets, recorded), trajectory, along, 0, nothing
+            )
         spectra = self._spectra(trajectory.states[index[:reached]])
         along[:reached] = spectra.eigenvalues.detach().numpy()
         targets = problem.targets
-        if trajectory.status is not Status.OK and problem.stabilise:
+        if trajectory.status is not Status.OK and problem.stabilise and problem.states is not None:
             row = problem.stabilising_rows(trajectory.states.detach().numpy())
-            states = np.concatenate([trajectory.states.detach().numpy()[index[row]], problem.data.states[index]])
+            states = np.concatenate([trajectory.states.detach().numpy()[index[row]], problem.states[index]])
             spectra = self._spectra(torch.from_numpy(states))
             targets = targets.rows(np.concatenate([row, np.arange(index.size)]))
         values = self._values(terms, trajectory, spectra, targets, recorded)
-        return _Forward(values, trajectory, along, spectra.guard_count)
+        return _Forward(values, trajectory, along, spectra.guard_count, spectra)
 
     def _spectra(self, states: Tensor) -> _Spectra:
         matrices = jacobian(self.field, states, self.problem.jacobian, self._sizes)
@@ -167,9 +240,9 @@ class TorchEngine:
         """Parameter gradient `(P,)` of one term: zero where no parameter enters it, NaN where it is undefined."""
         if torch.isnan(value) or not value.requires_grad:
             blank = np.nan if torch.isnan(value) else 0.0
-            return np.full(sum(p.numel() for p in self._parameters), blank)
+            return np.full(sum(leaf.numel() for leaf in self._leaves), blank)
         if term in self.user_terms:
-            rows = self.user_terms[term].gradient(value, self._parameters)
+            rows = self.user_terms[term].gradient(value, self._leaves)
         else:
-            rows = torch.autograd.grad(value, self._parameters, retain_graph=True, materialize_grads=True)
+            rows = torch.autograd.grad(value, self._leaves, retain_graph=True, materialize_grads=True)
         return torch.cat([row.reshape(-1) for row in rows]).numpy()

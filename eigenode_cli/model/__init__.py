@@ -2,14 +2,13 @@
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
+from eigenode_cli.arrays import Floats
+from eigenode_cli.model.blocks import BLOCKS, block_slices, trained_mask, with_initial_states
 from eigenode_cli.model.mlp import Mlp
 from eigenode_cli.model.polynomial import Polynomial
 from eigenode_cli.model.vector_field import VectorField
-
-Floats = NDArray[np.float64]
 
 
 def flat_parameters(module: nn.Module) -> Floats:
@@ -18,8 +17,18 @@ def flat_parameters(module: nn.Module) -> Floats:
 
 
 def load_flat(module: nn.Module, theta: Floats) -> None:
-    """Write the vector `theta (P,)` into the module's parameters."""
+    """Write the leading entries of the vector `theta (P,)`, as many as the module has, into its parameters."""
     torch.nn.utils.vector_to_parameters(torch.from_numpy(np.array(theta, dtype=np.float64)), module.parameters())
 
 
-__all__ = ["Mlp", "Polynomial", "VectorField", "flat_parameters", "load_flat"]
+__all__ = [
+    "BLOCKS",
+    "Mlp",
+    "Polynomial",
+    "VectorField",
+    "block_slices",
+    "flat_parameters",
+    "load_flat",
+    "trained_mask",
+    "with_initial_states",
+]

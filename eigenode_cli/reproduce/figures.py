@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Floats
 from eigenode_cli.reporting.figures.convergence import tenth_of_average
 from eigenode_cli.reporting.figures.plateaus import plateaus
 from eigenode_cli.reporting.figures.solution import DATA_LOOK, reach
@@ -221,7 +221,7 @@ def _solution_numbers(
         x=times[part],
         curves=curves,
         truth=some.solution.truth[part, 0],
-        data=np.vstack([data.times[seen], data.states[seen, 0]]),
+        data=np.vstack([data.times[seen], data.values[seen, 0]]),
         horizon=float(times[inside][-1]) if spec.twice else None,
         minima=(),
         state=some.run.states[0],

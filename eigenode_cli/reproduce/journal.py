@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Floats
 from eigenode_cli.reproduce.measures import TEST_FILE, Result
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.tables import NOTHING, number

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Floats
 from eigenode_cli.reproduce.planned_runs import Unit
 from eigenode_cli.reproduce.schema import ClaimSpec
 from eigenode_cli.runs.reader import Metrics, RecordError, Run, Solution, read_run
@@ -49,7 +49,7 @@ class Result:
     @cached_property
     def average(self) -> float:
         """SOL of a model that learned the average of the data, the local minimum that the paper warns of."""
-        seen = self.run.data.states[:, self.run.data.mask.any(axis=0)]
+        seen = self.run.data.values[:, self.run.data.mask.any(axis=0)]
         return float(np.nanmean(np.abs(seen - np.nanmedian(seen, axis=0))))
 
     @cached_property

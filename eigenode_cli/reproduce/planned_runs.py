@@ -98,7 +98,7 @@ def train_unit(unit: Unit) -> int:
 
     Where another process trains it, it is waited for.
     """
-    from eigenode_cli.runs import run  # noqa: PLC0415  # torch, in the process that trains
+    from eigenode_cli.batch import run  # noqa: PLC0415  # torch, in the process that trains
 
     if unit.status in FINAL:
         return 0 if unit.status == FINISHED else 1

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Floats
-from eigenode_cli.data.simulate import reference_solution, sample
-from eigenode_cli.engines.base import Engine, unheard
-from eigenode_cli.engines.factory import build_engine
+from eigenode_cli.arrays import Floats
+from eigenode_cli.batch.run import DENSE
+from eigenode_cli.config.build import build_target
+from eigenode_cli.config.setup import Setup, build, engine_of
+from eigenode_cli.data import Truth, simulate
+from eigenode_cli.engines.base import unheard
 from eigenode_cli.reproduce.measures import COST_FILE, TEST_FILE, TIGHT_FILE
 from eigenode_cli.reproduce.planned_runs import Unit
 from eigenode_cli.runs.atomic import write_json
 from eigenode_cli.runs.recorder import load_last
-from eigenode_cli.runs.run import DENSE, Setup, build, build_targets
 from eigenode_cli.solve.settings import AdaptiveSolver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES
@@ -79,12 +80,14 @@ def measure_test(unit: Unit) -> None:
         return
     setup, theta = _trained(unit)
     system = unit.config.system
-    data = sample(setup.system, setup.data.states[-1], system.horizon, system.points, system.observed)
-    problem = replace(setup.problem, terms=("sol",), data=data, targets=build_targets(unit.config, setup.system, data))
-    test: Engine = build_engine(unit.config, setup.field, problem, {}, unheard)
-    evaluation = test.evaluate(theta, data.times)
-    trained = setup.engine.evaluate(theta, setup.data.times)
-    start = setup.data.times[:1]
+    times = setup.problem.data.times
+    later = Truth(setup.truth.system, tuple(setup.truth.states(times)[-1].tolist()))
+    data = simulate(later, times, system.observed).series[0]
+    targets = build_target(unit.config.target, later).rows(times[:: setup.problem.every])
+    problem = replace(setup.problem, terms=("sol",), data=data, targets=targets, states=None, stabilise=False)
+    evaluation = engine_of(unit.config, setup.field, problem).evaluate(theta, data.times)
+    trained = setup.engine.evaluate(theta, times)
+    start = times[:1]
     simulation, gradient = fastest(
         lambda: setup.engine.evaluate(theta, start), lambda: setup.engine.loss_jacobian(theta)
     )
@@ -106,8 +109,7 @@ def measure_tight(unit: Unit) -> None:
     solver = setup.problem.solver
     if isinstance(solver, AdaptiveSolver):
         solver = replace(solver, **TIGHT)
-    engine: Engine = build_engine(unit.config, setup.field, replace(setup.problem, solver=solver), {}, unheard)
+    engine = engine_of(unit.config, setup.field, replace(setup.problem, solver=solver))
     times = np.linspace(0.0, unit.config.system.horizon, DENSE)
-    truth = reference_solution(setup.system, setup.problem.initial_state, times)
-    error = np.abs(engine.evaluate(theta, times).dense[:, 0] - truth[:, 0])
+    error = np.abs(engine.evaluate(theta, times).dense[:, 0] - setup.truth.states(times)[:, 0])
     write_json(unit.folder / TIGHT_FILE, {"dense_error": float(np.mean(error))})

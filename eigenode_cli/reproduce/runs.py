@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Floats
 from eigenode_cli.reproduce.journal import quartiles
 from eigenode_cli.reproduce.measures import Result
 from eigenode_cli.reproduce.study import Study

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import betabinom
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.console import counted
-from eigenode_cli.data.dataset import Floats
 from eigenode_cli.reproduce.measures import MEASURES, TIMED, Result
 from eigenode_cli.reproduce.schema import ClaimSpec
 

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eigenode_cli.config.schema import StatedTargetConfig, TargetConfig, TruthTargetConfig
-from eigenode_cli.data.dataset import Data, Floats
-from eigenode_cli.data.simulate import reference_solution, stated_spectrum, truth_spectra
+from eigenode_cli.arrays import Floats
+from eigenode_cli.data import Target, Truth
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField
@@ -16,35 +15,27 @@ from eigenode_cli.spectra.eig import eig
 from eigenode_cli.spectra.jacobian import jacobian
 from eigenode_cli.spectra.pairs import UNMATCHED, rounding_levels, without_rounding
 from eigenode_cli.spectra.tracking import assign, track
-from eigenode_cli.systems import System
 
 INTERVALS = 1000
 """Intervals of the solution's grid in one training horizon."""
 
 
-def write_solution(folder: Path, system: System, engine: Engine, theta: Floats, data: Data, horizon: float) -> None:
-    """solution.csv: truth and model on a dense grid over twice the horizon."""
+def write_solution(folder: Path, truth: Truth, engine: Engine, theta: Floats, horizon: float) -> None:
+    """Write solution.csv: truth and model on a dense grid over twice the horizon."""
     times = np.linspace(0.0, 2.0 * horizon, 2 * INTERVALS + 1)
-    truth = reference_solution(system, data.states[0], times)
     model = engine.evaluate(theta, times).dense
     part = np.where(np.arange(times.size) <= INTERVALS, "train", "beyond")
-    names = [state.name for state in system.states]
+    names = [state.name for state in truth.system.states]
     header = ["t", *(f"truth_{name}" for name in names), *(f"model_{name}" for name in names), "horizon"]
-    numbers = np.column_stack([times, truth, model]).tolist()
+    numbers = np.column_stack([times, truth.states(times), model]).tolist()
     rows = [[*row, str(name)] for row, name in zip(numbers, part, strict=True)]
     write_table(folder / "solution.csv", header, rows)
 
 
 def write_eigenvalues(
-    folder: Path,
-    system: System,
-    field: VectorField,
-    engine: Engine,
-    theta: Floats,
-    problem: Problem,
-    target: TargetConfig,
+    folder: Path, field: VectorField, engine: Engine, theta: Floats, problem: Problem, target: Target
 ) -> None:
-    """eigenvalues.csv: the model's eigenvalues at all data times along its trajectory, tracked, with their targets."""
+    """Write eigenvalues.csv: the model's at all data times along its trajectory, tracked, with their targets."""
     times, count = problem.data.times, problem.data.times.size
     states = engine.evaluate(theta, times).dense
     reached = np.isfinite(states).all(axis=1)
@@ -53,20 +44,13 @@ def write_eigenvalues(
     vectors = np.full((count, n, n), np.nan, dtype=np.complex128)
     with torch.no_grad():
         method = "symbolic" if field.has_symbolic_jacobian else problem.jacobian
-        sizes = torch.from_numpy(np.abs(problem.data.states).max(axis=0))
-        matrices = jacobian(field, torch.from_numpy(states[reached]), method, sizes)
+        matrices = jacobian(field, torch.from_numpy(states[reached]), method, torch.from_numpy(problem.sizes))
         result = eig(matrices, problem.max_condition)
     spectra[reached] = without_rounding(result.eigenvalues.numpy(), rounding_levels(matrices.numpy()))
     vectors[reached] = result.eigenvectors.numpy()
     order = track(spectra, vectors)
     spectra = np.take_along_axis(spectra, order, axis=1)
-    if isinstance(target, StatedTargetConfig):
-        targets = np.tile(stated_spectrum(target.frequency, target.damping)[0], (count, 1))
-    elif isinstance(target, TruthTargetConfig):
-        truth = reference_solution(system, problem.initial_state, times)
-        targets = truth_spectra(system, truth, target.frequency_factor)
-    else:
-        raise TypeError(f"no targets come from a {type(target).__name__}")
+    targets = target.spectra(times)
     rows: list[list[float | int | str]] = []
     for time, spectrum, wanted in zip(times, spectra, targets, strict=True):
         mode_of = assign(spectrum, wanted)

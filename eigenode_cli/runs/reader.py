@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.data.dataset import Data, Floats
+from eigenode_cli.arrays import Complexes, Floats
+from eigenode_cli.data.dataset import Series
 from eigenode_cli.runs.runfile import Record, RecordError, read_record
 from eigenode_cli.solve.status import Status
 from eigenode_cli.systems.base import State
@@ -23,7 +24,6 @@ from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.training.ending import STATUSES
 
 Bools = NDArray[np.bool_]
-Complexes = NDArray[np.complex128]
 
 SOLVE_STATUSES = tuple(status.label for status in Status)
 METRIC_COLUMNS = (
@@ -143,7 +143,7 @@ class Run:
         return _read_eigenvalues(self.folder, self.status)
 
     @cached_property
-    def data(self) -> Data:
+    def data(self) -> Series:
         """data.csv."""
         return _read_data(self.folder, self.status, [state.name for state in self.states])
 
@@ -307,7 +307,7 @@ def _read_eigenvalues(folder: Path, status: str) -> Spectra:
     )
 
 
-def _read_data(folder: Path, status: str, names: Sequence[str]) -> Data:
+def _read_data(folder: Path, status: str, names: Sequence[str]) -> Series:
     table = _Table(folder, "data.csv", status)
     states = table.matrix(names)
-    return Data(times=table.full("t"), states=states, mask=np.isfinite(states))
+    return Series(times=table.full("t"), values=states, initial_state=np.full(states.shape[1], np.nan))

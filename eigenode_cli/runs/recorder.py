@@ -4,7 +4,6 @@ import csv
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,11 +12,13 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
-from eigenode_cli.data.dataset import Data, Floats
+from eigenode_cli.arrays import Floats
+from eigenode_cli.data.dataset import Dataset
 from eigenode_cli.engines.base import Evaluation
 from eigenode_cli.runs.atomic import cell, make_folder, write_bytes, write_json, write_table, write_text, writing
 from eigenode_cli.runs.runfile import RecordError
 from eigenode_cli.terms import NAMES
+from eigenode_cli.training.progress import Progress, Snapshot
 
 COLUMNS = ("step", "train_seconds", "lr", *NAMES, "max_real", "n_accepted", "n_rejected", "status", "dense_error")
 """Columns of metrics.csv; the user's own terms follow behind."""
@@ -26,66 +27,6 @@ OPTIMIZER = "optimizer."
 METRICS = "metrics.csv"
 LAST = "checkpoints/last.safetensors"
 ANYWAY = f"move {METRICS} away to go on without the records so far"
-
-
-@dataclass
-class Progress:
-    """Where a training stands, besides its parameters and the optimizer's state."""
-
-    step: int = 0
-    train_seconds: float = 0.0
-    unsolvable_steps: int = 0
-    """Steps whose solve failed."""
-    unsolvable_since: int | None = None
-    """First step of the failures that go on now, None while solves succeed."""
-    guard_count: int = 0
-    """Eigenvalue sensitivities that the condition guard has bounded so far."""
-    wall_seconds: float = 0.0
-    """Time since the start of the run, without the time that it lay interrupted."""
-    first_sol: float | None = None
-    """SOL before the first step, None where that solve failed."""
-    converged_at: int | None = None
-    """Step from which on nothing changes since the terms have no lower point, None while something does."""
-    ended: tuple[str, str] | None = None
-    """Status and reason of a training that ended before its last step."""
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """A copy of everything that the rest of a training depends on, taken between two steps.
-
-    Attributes:
-        progress: where the training stands.
-        theta: parameters `(P,)`.
-        optimizer: the optimizer's state by name.
-        random_state: of torch: a user's term may draw.
-    """
-
-    progress: Progress
-    theta: Floats
-    optimizer: dict[str, Floats]
-    random_state: torch.Tensor
-
-    @classmethod
-    def take(cls, progress: Progress, theta: Floats, optimizer: dict[str, Floats]) -> "Snapshot":
-        """A copy of these and of torch's random state."""
-        arrays = {name: array.copy() for name, array in optimizer.items()}
-        return cls(replace(progress), theta.copy(), arrays, torch.get_rng_state())
-
-    def restore(self, theta: Floats, optimizer: dict[str, Floats]) -> None:
-        """Put the copy back: into these arrays, and into torch's random state."""
-        theta[:] = self.theta
-        for name, array in optimizer.items():
-            array[:] = self.optimizer[name]
-        torch.set_rng_state(self.random_state)
-
-    def repeats(self, other: "Snapshot") -> bool:
-        """Whether a step from here has to do what one from `other` did: all is the same but the progress."""
-        return (
-            np.array_equal(self.theta, other.theta)
-            and all(np.array_equal(array, other.optimizer[name]) for name, array in self.optimizer.items())
-            and torch.equal(self.random_state, other.random_state)
-        )
 
 
 class Recorder:
@@ -229,8 +170,8 @@ def _plain(network: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     return {name: tensor.detach().contiguous() for name, tensor in network.items()}
 
 
-def write_data(folder: Path, states: Sequence[str], data: Data) -> None:
-    """Write data.csv: the observations that SOL compares, empty where a state is not observed."""
-    observed = np.where(data.mask, data.states, np.nan)
-    rows = np.column_stack([data.times, observed]).tolist()
-    write_table(folder / "data.csv", ["t", *states], rows)
+def write_data(folder: Path, dataset: Dataset) -> None:
+    """Write data.csv: the measurements that SOL compares, empty where a state was not measured."""
+    series = dataset.series[0]
+    rows = np.column_stack([series.times, series.values]).tolist()
+    write_table(folder / "data.csv", ["t", *dataset.states], rows)

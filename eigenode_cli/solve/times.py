@@ -4,9 +4,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from eigenode_cli.arrays import Floats
 
 
 def checked_times(times: Any) -> Floats:

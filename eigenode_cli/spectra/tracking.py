@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from eigenode_cli.arrays import Complexes
 from eigenode_cli.spectra.pairs import UNMATCHED
 
-Complexes = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 
 TIE = 1e-9

@@ -3,10 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from eigenode_cli.arrays import Floats
 
 
 @dataclass(frozen=True)

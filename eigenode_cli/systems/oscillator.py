@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from eigenode_cli.systems.base import Floats, Parameter, State, System
+from eigenode_cli.arrays import Floats
+from eigenode_cli.systems.base import Parameter, State, System
 
 
 class Oscillator(System):

@@ -36,12 +36,6 @@ def split_grads(text: str) -> list[str]:
     return [word.strip().lower() for word in text.split("+")]
 
 
-def training_terms(grads: str, pretrain: str | None) -> tuple[str, ...]:
-    """Every term whose gradient trains, in `grads` or before, canonical order."""
-    words = split_grads(grads) + ([] if pretrain is None else split_grads(pretrain))
-    return canonical(list(dict.fromkeys(words)))
-
-
 def canonical(words: Sequence[str]) -> tuple[str, ...]:
     """The words in canonical order: the six terms first, then the user's own by name."""
     rank = {name: i for i, name in enumerate(NAMES)}

@@ -4,21 +4,19 @@ They are given what SOL is given and no more: the observed states and the initia
 
     eigenode train +terms.jac=eigenode_cli.terms.peers:jacobian_norm grads=sol+jac scale.jac=0.01
     eigenode train +terms.match=eigenode_cli.terms.peers:derivative_matching grads=sol
-        trainer.pretrain=match trainer.pretrain_steps=1000
+        'stages=[{terms:match,steps:1000},{}]'
 """
 
 from functools import lru_cache
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.model import VectorField
 from eigenode_cli.spectra.jacobian import jacobian
-
-Floats = NDArray[np.float64]
 
 ORDER = 3
 """Smoothing penalises the third derivative, for accelerations are wanted."""

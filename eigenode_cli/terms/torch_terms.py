@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import FunctionCtx, once_differentiable
 
-from eigenode_cli.data.dataset import Data, Targets
+from eigenode_cli.data.dataset import Series
+from eigenode_cli.data.targets import Targets
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.sol import sol
 from eigenode_cli.terms.spectral import spectral_terms
@@ -43,11 +44,11 @@ class _Linearised(torch.autograd.Function):
         return (slopes.conj() * dx).flatten(1).sum(1).real.clone()
 
 
-def solution_term(states: Tensor, data: Data, error: int, huber_delta: float) -> Tensor:
+def solution_term(states: Tensor, data: Series, error: int, huber_delta: float) -> Tensor:
     """SOL of the trajectory `(N, n)`, a scalar."""
     trajectory = states.detach().numpy()
     slope = np.empty_like(trajectory)
-    value = sol(trajectory, data.states, data.mask, error, huber_delta, slope)
+    value = sol(trajectory, data.values, data.mask, error, huber_delta, slope)
     return _Linearised.apply(states, torch.tensor([value], dtype=torch.float64), torch.from_numpy(slope[None]))[0]
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eigenode_cli.engines.base import ArrayTerm, Complexes, Floats
+from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.model import VectorField, load_flat
 from eigenode_cli.terms.arguments import arguments_of
+from eigenode_cli.terms.array_term import ArrayTerm
 
 
 class TermFailed(Exception):

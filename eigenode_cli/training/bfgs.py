@@ -9,9 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from eigenode_cli.arrays import Floats
 
 DECREASE, CURVATURE = 1e-4, 0.9
 """Constants of the Wolfe conditions: the customary ones of quasi-Newton methods (Nocedal & Wright 2006, Sec. 3.1)."""

@@ -1,103 +1,114 @@
 """Optimizers on a flat parameter vector.
 
-They are a few lines each and are held against torch.optim by the tests; torch's own cost more than the compiled
-engine's loss Jacobian (about 30 us an update at 129 parameters, five updates a step), and they could not be part of
-its training loop.
+Their updates are compiled (`engines.first_order`), so that the compiled engine can take whole training steps.
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.config.schema import AdamBfgsConfig, AdamConfig, OptimizerConfig, SgdConfig
-from eigenode_cli.jit import njit
+from eigenode_cli.arrays import Floats
+from eigenode_cli.engines.first_order import ADAM, SGD, take_update
+from eigenode_cli.engines.update import Update
 from eigenode_cli.training.bfgs import Bfgs
 
-Floats = NDArray[np.float64]
 
-ADAM, SGD = range(2)
+@dataclass(frozen=True)
+class Method:
+    """What every first-order method has: a learning rate, constant or decaying.
 
-
-@njit
-def take_update(optimizer, theta, gradient, lr, options, memory, count):
-    """Change `theta (P,)` in place by one step against `gradient (P,)`.
-
-    Args:
-        optimizer: code; options: its constants.
-        lr: learning rate.
-        memory: moments or velocity, a row each `(., P)`; count: number of updates so far `(1,)`. Both go on.
+    Attributes:
+        lr: learning rate; with a schedule the one that it ends at: `lr + lr_extra exp(-lr_rate k)` at training step k.
+        lr_extra: what is added to the learning rate at first.
+        lr_rate: how fast that decays, per training step.
+        lr_every: training steps between changes of the learning rate.
     """
-    count[0] += 1.0
-    if optimizer == ADAM:
-        _adam(theta, gradient, memory[0], memory[1], count[0], lr, options[0], options[1], options[2])
-    else:
-        _momentum(theta, gradient, memory[0], lr, options[0])
+
+    lr: float = 1e-3
+    lr_extra: float = 0.0
+    lr_rate: float = 0.0
+    lr_every: int = 1
+
+    def learning_rate(self, step: int) -> float:
+        """Return the learning rate of training step `step`."""
+        return self.lr + self.lr_extra * math.exp(-self.lr_rate * (step - step % self.lr_every))
 
 
-@njit
-def _adam(theta, gradient, first, second, count, lr, beta1, beta2, eps):
-    bias1, bias2 = 1.0 - beta1**count, 1.0 - beta2**count
-    for i in range(theta.size):
-        first[i] = beta1 * first[i] + (1.0 - beta1) * gradient[i]
-        second[i] = beta2 * second[i] + (1.0 - beta2) * gradient[i] * gradient[i]
-        theta[i] -= lr / bias1 * first[i] / (np.sqrt(second[i] / bias2) + eps)
+@dataclass(frozen=True)
+class Adam(Method):
+    """D. P. Kingma, J. Ba, Adam: a method for stochastic optimization, ICLR 2015, Algorithm 1.
+
+    https://arxiv.org/abs/1412.6980
+    """
+
+    beta1: float = 0.9
+    beta2: float = 0.999
+    eps: float = 1e-8
 
 
-@njit
-def _momentum(theta, gradient, velocity, lr, momentum):
-    for i in range(theta.size):
-        velocity[i] = momentum * velocity[i] + gradient[i]
-        theta[i] -= lr * velocity[i]
+@dataclass(frozen=True)
+class Sgd(Method):
+    """Gradient descent with heavy-ball momentum, in the form of torch.optim.SGD."""
+
+    momentum: float = 0.0
 
 
-def learning_rate(config: OptimizerConfig, step: int) -> float:
-    """Learning rate of training step k: `lr + lr_extra exp(-lr_rate k)`, set anew every `lr_every` steps."""
-    return config.lr + config.lr_extra * math.exp(-config.lr_rate * (step - step % config.lr_every))
+@dataclass(frozen=True)
+class AdamBfgs(Adam):
+    """Adam, then BFGS with a line search on the sum of the scaled terms.
+
+    Attributes:
+        adam_steps: leading training steps that Adam takes.
+    """
+
+    adam_steps: int = 1000
 
 
 class Optimizer:
     """Turns one update after another into new parameters.
 
-    `adam`: D. P. Kingma, J. Ba, Adam: a method for stochastic optimization, ICLR 2015, Algorithm 1. `sgd`: gradient
-    descent with heavy-ball momentum, in the form of torch.optim.SGD.
-
     Args:
-        config: which one, with its constants.
+        method: which one, with its constants.
         parameters: P.
 
     Attributes:
         code, options, memory, count: as in `take_update`.
+
+    Raises:
+        TypeError: there is no such method.
     """
 
-    def __init__(self, config: OptimizerConfig, parameters: int) -> None:
-        self._config = config
+    def __init__(self, method: Method, parameters: int) -> None:
+        self._method = method
         self.count = np.zeros(1)
-        if isinstance(config, AdamConfig):
+        if isinstance(method, Adam):
             self.code, names = ADAM, ("first_moment", "second_moment")
-            self.options = np.array([config.beta1, config.beta2, config.eps])
-        elif isinstance(config, SgdConfig):
+            self.options = np.array([method.beta1, method.beta2, method.eps])
+        elif isinstance(method, Sgd):
             self.code, names = SGD, ("velocity",)
-            self.options = np.array([config.momentum])
+            self.options = np.array([method.momentum])
         else:
-            raise ValueError(f"optimizer={config.name}: no such optimizer")
+            raise TypeError(f"{type(method).__name__}: no such optimizer")
         self.memory = np.zeros((len(names), parameters))
         self._state = dict(zip(names, self.memory, strict=True)) | {"count": self.count}
 
     def lr(self, step: int) -> float:
-        """Learning rate of training step `step`; a step may take several updates."""
-        return learning_rate(self._config, step)
+        """Return the learning rate of training step `step`; a step may take several updates."""
+        return self._method.learning_rate(step)
 
     def update(self, theta: Floats, gradient: Floats, lr: float) -> None:
         """Change `theta (P,)` in place by one step of rate `lr` against `gradient (P,)`."""
         take_update(self.code, theta, gradient, lr, self.options, self.memory, self.count)
 
     def state(self) -> dict[str, Floats]:
-        """Everything that the next update depends on, by name; the arrays themselves, not copies."""
+        """Return everything that the next update depends on, by name; the arrays themselves, not copies."""
         return self._state
 
 
-class AdamBfgs(Optimizer):
+class AdamBfgsOptimizer(Optimizer):
     """Adam first, then BFGS: the first passes jumps and kinks of the terms, the second converges.
 
     The trainer hands BFGS whole functions (`Bfgs.step`). Adam's update is there at any time: it also leads out of where
@@ -108,9 +119,9 @@ class AdamBfgs(Optimizer):
         bfgs: the second part.
     """
 
-    def __init__(self, config: AdamBfgsConfig, parameters: int) -> None:
-        super().__init__(config, parameters)
-        self.switch = config.adam_steps
+    def __init__(self, method: AdamBfgs, parameters: int) -> None:
+        super().__init__(method, parameters)
+        self.switch = method.adam_steps
         self.bfgs = Bfgs(parameters)
         self._state |= self.bfgs.state()
 
@@ -123,6 +134,31 @@ class AdamBfgs(Optimizer):
         return super().lr(step)
 
 
-def build_optimizer(config: OptimizerConfig, parameters: int) -> Optimizer:
-    """The optimizer for a vector of `parameters`."""
-    return AdamBfgs(config, parameters) if isinstance(config, AdamBfgsConfig) else Optimizer(config, parameters)
+def build_optimizer(method: Method, parameters: int) -> Optimizer:
+    """Return the optimizer of a method for a vector of `parameters`."""
+    return AdamBfgsOptimizer(method, parameters) if isinstance(method, AdamBfgs) else Optimizer(method, parameters)
+
+
+def build_update(
+    combination: int,
+    scales: Sequence[float] | Floats,
+    optimizer: Optimizer,
+    trained: NDArray[np.bool_] | None = None,
+) -> Update:
+    """Return the update of a combination, scales `(L,)` and an optimizer, whose memory it shares.
+
+    `trained (P,)` says which parameters change, None for all.
+    """
+    factors = np.array(scales, dtype=np.float64)
+    held = np.empty(0, dtype=np.int64) if trained is None else np.flatnonzero(~trained)
+    return Update(
+        combination=combination,
+        scales=factors,
+        optimizer=optimizer.code,
+        options=optimizer.options,
+        memory=optimizer.memory,
+        updates_done=optimizer.count,
+        updates=np.empty((factors.size + 1, optimizer.memory.shape[1])),
+        held=held,
+        kept=np.empty(held.size),
+    )

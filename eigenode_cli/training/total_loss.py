@@ -4,10 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.base import Engine, LossJacobian
 from eigenode_cli.solve.status import Status
-from eigenode_cli.training.bfgs import Floats, Point
+from eigenode_cli.training.bfgs import Point
 
 
 @dataclass(frozen=True)
@@ -25,10 +27,12 @@ class Objective:
     Args:
         engine: gives the loss Jacobian.
         scales: factor of each named term `(L,)`.
+        trained: which parameters it is a function of `(P,)`, None for all.
     """
 
-    def __init__(self, engine: Engine, scales: Floats) -> None:
+    def __init__(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None = None) -> None:
         self.engine = engine
+        self._trained = trained
         self._scales = scales
         self._theta = np.empty(0)
         self._last: Evaluated | None = None
@@ -43,6 +47,8 @@ class Objective:
         jacobian = self.engine.loss_jacobian(theta)
         value = float(self._scales @ jacobian.values)
         gradient = self._scales @ jacobian.gradients
+        if self._trained is not None:
+            gradient[~self._trained] = 0.0
         if jacobian.status is not Status.OK or not (math.isfinite(value) and np.isfinite(gradient).all()):
             value = math.inf
         return Evaluated(value, gradient, jacobian)

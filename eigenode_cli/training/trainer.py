@@ -1,24 +1,25 @@
-"""The training loop: loss Jacobian, combination, optimizer, record. It knows nothing of engines, systems or files."""
+"""The training loop: loss Jacobian, combination, optimizer, record. It knows neither systems nor files."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eigenode_cli.config.schema import TrainerConfig
+from eigenode_cli.arrays import Floats
 from eigenode_cli.console import Display, duration
-from eigenode_cli.data.dataset import Floats
-from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.base import Engine, Evaluation
+from eigenode_cli.engines.update import Update, learn
 from eigenode_cli.interruption import check
-from eigenode_cli.runs.recorder import Progress, Recorder, Snapshot
 from eigenode_cli.solve.status import SOLVED, Status
 from eigenode_cli.training.ending import DIVERGED, RUNNING, SMALLER, STALLED, Ending, judge
-from eigenode_cli.training.optimizers import AdamBfgs, Optimizer
+from eigenode_cli.training.optimizers import AdamBfgsOptimizer, Optimizer, build_update
+from eigenode_cli.training.progress import Progress, Snapshot
 from eigenode_cli.training.total_loss import Objective, stationary
-from eigenode_cli.training.update import Rule, build_rule, learn
 
 SAVE_SECONDS = 5.0
 """Longest time that a kill can cost: what resume needs is also saved this often between the checkpoints."""
@@ -30,23 +31,58 @@ SMOOTHER = "a smaller solver.rtol makes the terms smoother, optimizer=adam needs
 """What the user can do."""
 
 
+class Recorder(Protocol):
+    """What keeps the records of a training; `runs.recorder` writes them into files."""
+
+    def record(self, progress: Progress, lr: float, evaluation: Evaluation) -> dict[str, Any]:
+        """Keep one record and return it."""
+        ...
+
+    def checkpoint(self, step: int, network: dict[str, Any]) -> Path:
+        """Keep the network's tensors of a step; returns where."""
+        ...
+
+    def save_last(self, snapshot: Snapshot, network: dict[str, Any]) -> None:
+        """Keep what resuming needs."""
+        ...
+
+
 class Unsolvable(Exception):
     """A solve failed and `trainer.on_unsolvable=stop` asks the run to end."""
 
 
 @dataclass(frozen=True)
-class Stage:
-    """Training steps that one engine takes.
+class TrainerOptions:
+    """Length of a training and what is written.
 
     Attributes:
-        first: number of the first of them; the stage lasts to that of the next one.
+        steps: training steps.
+        record_every: steps between records.
+        checkpoint_every: steps between checkpoints.
+        on_unsolvable: what to do when a solve fails: stabilise | skip | stop.
+    """
+
+    steps: int = 5000
+    record_every: int = 25
+    checkpoint_every: int = 500
+    on_unsolvable: str = "stabilise"
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Training steps that one engine takes: a part of a phase.
+
+    Attributes:
+        first: number of the first of them; the phase lasts to that of the next one.
         engine: computes the loss Jacobian of L terms.
         scales: factor of each of these terms' gradients `(L,)`.
+        trained: which parameters train `(P,)`, the others are held; None for all.
     """
 
     first: int
     engine: Engine
     scales: Floats
+    trained: NDArray[np.bool_] | None = None
 
 
 @dataclass
@@ -55,11 +91,11 @@ class Trainer:
 
     Attributes:
         engine: evaluates the terms over the whole horizon for the record.
-        stages: what trains, one after another; the first begins at step 0.
+        phases: what trains, one after another; the first begins at step 0.
         optimizer: takes the updates.
         combination: how several gradients become updates, a code of `combine`.
         terms: names of those whose losses the display shows.
-        config: steps, records, checkpoints, what to do when a solve fails.
+        options: steps, records, checkpoints, what to do when a solve fails.
         recorder: writes records and checkpoints.
         display: shows progress.
         dense_times: times in s at which `dense_error` compares `(D,)`.
@@ -72,11 +108,11 @@ class Trainer:
     """
 
     engine: Engine
-    stages: Sequence[Stage]
+    phases: Sequence[Phase]
     optimizer: Optimizer
     combination: int
     terms: tuple[str, ...]
-    config: TrainerConfig
+    options: TrainerOptions
     recorder: Recorder
     display: Display
     dense_times: Floats
@@ -86,7 +122,7 @@ class Trainer:
     zero_sol: float = math.nan
     wall: Callable[[], float] = perf_counter
     ending: Ending = field(default=Ending(RUNNING), init=False)
-    _rules: list[Rule] = field(init=False)
+    _updates: list[Update] = field(init=False)
     _objective: Objective | None = field(default=None, init=False)
     _committed: Snapshot = field(init=False)
     _solvable: Snapshot | None = field(default=None, init=False)
@@ -100,7 +136,9 @@ class Trainer:
     """How often the guard fired in the last step."""
 
     def __post_init__(self) -> None:
-        self._rules = [build_rule(self.combination, stage.scales, self.optimizer) for stage in self.stages]
+        self._updates = [
+            build_update(self.combination, phase.scales, self.optimizer, phase.trained) for phase in self.phases
+        ]
 
     def run(self) -> dict[str, Any]:
         """Train to the end and return its record; `ending` says how that was.
@@ -117,12 +155,12 @@ class Trainer:
             while True:
                 check()
                 step = self.progress.step
-                final = self.progress.ended is not None or step == self.config.steps
-                if final or step % self.config.record_every == 0:
+                final = self.progress.ended is not None or step == self.options.steps
+                if final or step % self.options.record_every == 0:
                     last = self._record()
-                if final or step % self.config.checkpoint_every == 0:
+                if final or step % self.options.checkpoint_every == 0:
                     self.recorder.checkpoint(step, self.network(self.theta))
-                if final or step % self.config.checkpoint_every == 0 or perf_counter() - saved_at > SAVE_SECONDS:
+                if final or step % self.options.checkpoint_every == 0 or perf_counter() - saved_at > SAVE_SECONDS:
                     self._save()
                     saved_at = perf_counter()
                 if final:
@@ -150,14 +188,14 @@ class Trainer:
                 return
             self._still, self._still_since = part, start
         self._skip_to(event)
-        if self._event_after(start - 1) == start and self._part(self.config.steps - 1) == part:
+        if self._event_after(start - 1) == start and self._part(self.options.steps - 1) == part:
             self._settle(part[0])
         self._commit()
 
     def _take_steps(self, start: int, event: int) -> None:
         """Training steps from `start` on, not beyond `event`; they change the working state, not the committed one."""
         number, searching = self._part(start)
-        if searching and isinstance(self.optimizer, AdamBfgs):
+        if searching and isinstance(self.optimizer, AdamBfgsOptimizer):
             first = self._descend(number, self.optimizer)
         else:
             first = self._learn(number, start, event)
@@ -166,12 +204,12 @@ class Trainer:
 
     def _learn(self, number: int, start: int, event: int) -> Status:
         """Steps that the engine takes by itself; returns how the first solve ended."""
-        engine, config = self.stages[number].engine, self.config
+        engine, options = self.phases[number].engine, self.options
         known, pace = self._pace
         steps = max(1, int(BREATH_SECONDS / pace)) if known == number and pace > 0.0 else 1
         rates = np.array([self.optimizer.lr(k) for k in range(start, min(event, start + steps))])
         clock = perf_counter() - engine.compile_seconds
-        taken = engine.advance(self.theta, self._rules[number], rates, config.on_unsolvable == "stop")
+        taken = engine.advance(self.theta, self._updates[number], rates, options.on_unsolvable == "stop")
         spent, count = perf_counter() - engine.compile_seconds - clock, taken.statuses.size
         self._pace = (number, spent / count)
         self.progress.train_seconds += spent
@@ -185,24 +223,24 @@ class Trainer:
             self.progress.step += 1
         return first
 
-    def _descend(self, number: int, optimizer: AdamBfgs) -> Status:
+    def _descend(self, number: int, optimizer: AdamBfgsOptimizer) -> Status:
         """One iteration of BFGS on the sum of a stage's terms; where a solve fails, Adam's update of the rest."""
-        stage, step = self.stages[number], self.progress.step
-        if step > 0 and self._stage(step - 1) != number:
+        phase, step = self.phases[number], self.progress.step
+        if step > 0 and self._phase(step - 1) != number:
             optimizer.bfgs.restart()
-        if self._objective is None or self._objective.engine is not stage.engine:
-            self._objective = Objective(stage.engine, stage.scales)
-        start = perf_counter() - stage.engine.compile_seconds
+        if self._objective is None or self._objective.engine is not phase.engine:
+            self._objective = Objective(phase.engine, phase.scales, phase.trained)
+        start = perf_counter() - phase.engine.compile_seconds
         here = self._objective.at(self.theta)
         self._note_status(here.jacobian.status, here.jacobian.values)
         if math.isfinite(here.value):
             optimizer.bfgs.step(self.theta, here, self._objective.at)
         else:
             optimizer.bfgs.restart()
-            learn(self._rules[number], self.theta, here.jacobian.gradients, optimizer.adam_lr(step))
+            learn(self._updates[number], self.theta, here.jacobian.gradients, optimizer.adam_lr(step))
         self.progress.step += 1
         self._count_guards(here.jacobian.guard_count, 1)
-        self.progress.train_seconds += perf_counter() - stage.engine.compile_seconds - start
+        self.progress.train_seconds += perf_counter() - phase.engine.compile_seconds - start
         return here.jacobian.status
 
     def _count_guards(self, fired: int, steps: int) -> None:
@@ -220,9 +258,9 @@ class Trainer:
         """Nothing will change any more: the terms are as low as they get here, or the training is stuck."""
         if self.progress.converged_at is not None:
             return
-        stage, since = self.stages[number], self._still_since
-        here = Objective(stage.engine, stage.scales).at(self.theta)
-        status, size = here.jacobian.status, max(here.value, self._size(stage))
+        phase, since = self.phases[number], self._still_since
+        here = Objective(phase.engine, phase.scales, phase.trained).at(self.theta)
+        status, size = here.jacobian.status, max(here.value, self._size(phase))
         if status not in SOLVED:
             advice = SMALLER if self.progress.first_sol is not None else STABLER
             self._end(STALLED, f"from step {since} on the solve fails ({status.label}) and no gradient acts; {advice}")
@@ -234,9 +272,9 @@ class Trainer:
         else:
             self._end(STALLED, f"from step {since} on BFGS finds no lower point, though there is a slope; {SMOOTHER}")
 
-    def _size(self, stage: Stage) -> float:
+    def _size(self, phase: Phase) -> float:
         """Scaled SOL of a model that stays at zero, which is how large the data are; 0 where SOL does not train."""
-        return 0.0 if math.isnan(self.zero_sol) else float(stage.scales[0]) * self.zero_sol
+        return 0.0 if math.isnan(self.zero_sol) else float(phase.scales[0]) * self.zero_sol
 
     def _end(self, status: str, reason: str) -> None:
         """End the training before its last step; the last weights that could be solved become a checkpoint."""
@@ -267,24 +305,24 @@ class Trainer:
         self.progress, self._objective = self._committed.progress, None
 
     def _part(self, step: int) -> tuple[int, bool]:
-        """Number of the stage that a step belongs to, and whether BFGS takes it."""
-        return self._stage(step), step >= self._switch
+        """Number of the phase that a step belongs to, and whether BFGS takes it."""
+        return self._phase(step), step >= self._switch
 
     @property
     def _switch(self) -> int:
         """Number of the first step of BFGS; beyond the last one for other optimizers."""
-        return self.optimizer.switch if isinstance(self.optimizer, AdamBfgs) else self.config.steps
+        return self.optimizer.switch if isinstance(self.optimizer, AdamBfgsOptimizer) else self.options.steps
 
     def _event_after(self, step: int) -> int:
         """The next step before which something is written or changes; the first is one."""
-        config = self.config
-        periods = (config.record_every, config.checkpoint_every)
-        ahead = [config.steps, self._switch, *(stage.first for stage in self.stages)]
+        options = self.options
+        periods = (options.record_every, options.checkpoint_every)
+        ahead = [options.steps, self._switch, *(phase.first for phase in self.phases)]
         return min(event for event in (*ahead, *(step - step % k + k for k in periods)) if event > step)
 
-    def _stage(self, step: int) -> int:
-        """Number of the stage that a step belongs to: by the step alone, so that resuming is safe."""
-        return max(number for number, stage in enumerate(self.stages) if stage.first <= step)
+    def _phase(self, step: int) -> int:
+        """Number of the phase that a step belongs to: by the step alone, so that resuming is safe."""
+        return max(number for number, phase in enumerate(self.phases) if phase.first <= step)
 
     def _note_status(self, status: Status, values: Floats) -> None:
         """Count failed solves, and say when they begin and when the field is solvable again."""
@@ -297,7 +335,7 @@ class Trainer:
                 progress.unsolvable_since = None
             return
         progress.unsolvable_steps += 1
-        if self.config.on_unsolvable == "stop":
+        if self.options.on_unsolvable == "stop":
             raise Unsolvable(
                 f"the solve failed ({status.label}) at step {step}; "
                 "trainer.on_unsolvable=stabilise trains on without SOL until it succeeds"
@@ -307,7 +345,7 @@ class Trainer:
             self.display.say(f"step {step}: the solve failed ({status.label}); {self._remedy(values)}")
 
     def _remedy(self, values: Floats) -> str:
-        if self.config.on_unsolvable == "skip":
+        if self.options.on_unsolvable == "skip":
             return "trainer.on_unsolvable=skip leaves the parameters as they are"
         if not np.isfinite(values).any():
             return "no spectral term is named in grads, so nothing can stabilise it"

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from eigenode_cli.bench.agreement import agreement
-from eigenode_cli.bench.case import Case, oscillating, shape_of, torch_field
+from eigenode_cli.bench.case import Case, oscillating, torch_field
 from eigenode_cli.bench.contestants import OURS, PEERS, BareSolve, Contestant
+from eigenode_cli.engines.factory import shape_of
 from eigenode_cli.model import flat_parameters
 from tests.conftest import make_case
 

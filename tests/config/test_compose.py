@@ -10,12 +10,12 @@ from eigenode_cli.config.catalogue import shipped_files, validate
 from eigenode_cli.config.compose import compose, restore, typed
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.config.schema import SCHEMAS, CompiledEngineConfig, FixedSolverConfig, PolynomialConfig
+from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.errors import UserError
 from eigenode_cli.model.activations import ACTIVATIONS
 from eigenode_cli.model.init import INITS
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
 from eigenode_cli.terms.errors import ERRORS
-from eigenode_cli.training.combine import COMBINATIONS
 
 VDP = "eigenode_cli.systems:VanDerPol"
 
@@ -76,8 +76,8 @@ def test_the_authors() -> None:
 
 def test_grads_are_canonical() -> None:
     assert compose(["grads=OSC+sol+Frq"]).grads == "sol+frq+osc"
-    words = ["trainer.pretrain=dmp+FRQ", "trainer.pretrain_steps=5", "grads=sol", "scale.frq=3"]
-    assert compose(words).trainer.pretrain == "frq+dmp"  # whose scale is read, then, too
+    words = ["stages=[{terms:dmp+FRQ,steps:5},{}]", "grads=sol", "scale.frq=3"]
+    assert compose(words).stages[0].terms == "frq+dmp"  # whose scale is read, then, too
 
 
 def test_nothing_of_the_ablations_is_on_by_itself() -> None:
@@ -85,7 +85,9 @@ def test_nothing_of_the_ablations_is_on_by_itself() -> None:
         for system in ("oscillator", "sparse_oscillator", "vdp"):
             config = compose([f"protocol={protocol}", f"system={system}"])
             assert (config.system.noise, config.target.frequency_factor) == (0.0, 1.0)
-            assert (config.trainer.pretrain, config.trainer.pretrain_steps) == (None, 0)
+            assert [(stage.steps, stage.terms, list(stage.horizons)) for stage in config.stages] == [
+                (None, None, [1.0])
+            ]
 
 
 def test_typed_objects_have_the_class_of_the_choice() -> None:
@@ -102,8 +104,7 @@ def test_typed_objects_have_the_class_of_the_choice() -> None:
         [
             "solver=rk4",
             "target=stated",
-            "trainer.pretrain=stb",
-            "trainer.pretrain_steps=3",
+            "stages=[{terms:stb,steps:3},{}]",
             "grads=sol",
             "combine=mix",
             "engine=compiled",

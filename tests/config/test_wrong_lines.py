@@ -21,7 +21,20 @@ WRONG = [
     ("train ~solver", "~solver: every run needs one; choose solver=..."),
     ("train system=[vdp]", "system=[vdp]: unknown system '['vdp']'"),
     ("train engine=compiled solver=bosh3", "engine=compiled: it has no solver=bosh3 (it knows tsit5, dopri5, rk4)"),
-    ("train trainer.horizons=[0.5,0.2]", "trainer.horizons=[0.5,0.2]: must be growing fractions that end with 1"),
+    (
+        "train stages.0.horizons=[0.5,0.2]",
+        "stages.0.horizons=[0.5,0.2]: must be growing fractions, for example [0.25,0.5,1",
+    ),
+    ("train stages.0.horizons=[0.5]", "stages.0.horizons=[0.5]: the last one must be 1, the whole horizon"),
+    (
+        "train stages.0.horizon=[1]",
+        "stages.0.horizon=[1]: unknown setting 'stages.0.horizon', did you mean stages.0.horizons",
+    ),
+    ("train stages=[{horizon:[1]}]", "stages=[{horizon:[1]}]: "),
+    ("train stages=[]", "stages=[]: nothing is trained; write at least stages=[{horizons:[1.0]}]"),
+    ("train stages=[{spectra:here}]", "stages.0.spectra=here: unknown name 'here'; choose from trajectory, data"),
+    ("train stages=[{trained:[linear]}]", "stages.0.trained=[linear]: there is no such block; this run has network"),
+    ("train grads=sol stages=[{solve:false,steps:9},{}]", "stages.0.solve=false: sol has no term of the spectrum"),
     # keys
     ("train sede=3", "sede=3: unknown setting 'sede', did you mean seed? 'eigenode train --cfg job' lists all"),
     (
@@ -98,9 +111,8 @@ WRONG = [
     ("train system=oscillator system.c=9 system.d=6 grads=sol+osc", "grads=sol+osc: no target has a pair: osc has no"),
     ("train system=oscillator system.c=25 system.d=10 grads=sol+frq", "grads=sol+frq: no target has a pair: frq has"),
     (
-        "train system=oscillator system.c=2 system.d=2.8284271247461903 grads=sol trainer.pretrain=frq"
-        " trainer.pretrain_steps=5",
-        "trainer.pretrain=frq: no target has a pair: frq has no effect",
+        "train system=oscillator system.c=2 system.d=2.8284271247461903 grads=sol stages=[{terms:frq,steps:5},{}]",
+        "stages.0.terms=frq: no target has a pair: frq has no effect",
     ),
     (
         "train -m system=oscillator system.c=9 system.d=0.5,20 grads=sol,sol+frq",
@@ -116,25 +128,22 @@ WRONG = [
     ),
     ("train target=stated grads=stf", "grads=stf: stf has nothing to meet; state target.stiffness=[low,high]"),
     (
-        "train trainer.pretrain_steps=9",
-        "trainer.pretrain_steps=9: no terms to train with; name them, for example trainer.pretrain=frq+dmp",
+        "train trainer.pretrain=frq",
+        "trainer.pretrain=frq: the list of stages says it now, for example 'stages=[{terms:frq",
     ),
-    ("train trainer.pretrain=frq", "trainer.pretrain=frq: how long? write trainer.pretrain_steps=... (of trainer.st"),
+    ("train eigen.at=data", "eigen.at=data: the list of stages says it now, for example stages.0.spectra=data"),
     (
-        "train trainer.pretrain=frq trainer.pretrain_steps=9 trainer.steps=9",
-        "trainer.pretrain_steps=9: must be below trainer.steps=9, grads=sol+frq+dmp+osc has the rest",
+        "train stages=[{terms:frq,steps:9},{}] trainer.steps=9",
+        "trainer.steps=9: the stages take 9 of them, 1 more share the rest; give more steps",
     ),
+    ("train stages=[{terms:frq,steps:9}]", "trainer.steps=5000: the stages take 9 of them; leave out the steps of one"),
     (
-        "train trainer.pretrain=frg trainer.pretrain_steps=9",
-        "trainer.pretrain=frg: unknown term 'frg', did you mean frq? choose from frq, ",
-    ),
-    (
-        "train trainer.pretrain=frq trainer.pretrain_steps=9 trainer.spectral_steps=9",
-        "trainer.pretrain_steps=9: trainer.spectral_steps=9 is a pre-training, too; set one of them to 0",
+        "train stages=[{terms:frg,steps:9},{}]",
+        "stages.0.terms=frg: unknown term 'frg', did you mean frq? choose from frq, ",
     ),
     (
-        "train target=stated grads=sol trainer.pretrain=frq trainer.pretrain_steps=9",
-        "trainer.pretrain=frq: frq has nothing to meet; state target.frequency and target.damping",
+        "train target=stated grads=sol stages=[{terms:frq,steps:9},{}]",
+        "stages.0.terms=frq: frq has nothing to meet; state target.frequency and target.damping",
     ),
     ("train target.frequency_factor=0", "target.frequency_factor=0: must be above 0"),
     (

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.config.build import build_field
 from eigenode_cli.config.schema import MlpConfig
-from eigenode_cli.data.dataset import Data
-from eigenode_cli.data.simulate import targets_of_spectra
-from eigenode_cli.engines.base import Floats, LossJacobian
+from eigenode_cli.data import Series, targets_of_spectra
+from eigenode_cli.engines.base import LossJacobian
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.factory import shape_of
 from eigenode_cli.engines.problem import Problem
@@ -19,6 +19,7 @@ from eigenode_cli.solve.status import Status
 from eigenode_cli.terms.peers import derivative_matching, jacobian_norm
 from eigenode_cli.terms.user import UserTerm, on_arrays, user_term
 from tests.conftest import Case, make_case, solver
+from tests.measured import series
 
 TIGHT = solver(rtol=1e-11, atol=1e-12, max_steps=100_000)
 
@@ -71,9 +72,9 @@ def many_states(n: int, hidden: list[int]) -> tuple[VectorField, Problem]:
     times = np.linspace(0.0, 2.0, 21)
     start = generator.normal(size=n)
     states = start * np.cos(np.outer(times, 1.0 + generator.random(n)))
-    data = Data(times, states, np.ones_like(states, dtype=bool))
+    data = series(times, states)
     spectra = np.linalg.eigvals(generator.normal(size=(21, n, n)))
-    problem = case.problem(data=data, targets=targets_of_spectra(spectra))
+    problem = case.problem(data=data, states=states, targets=targets_of_spectra(spectra))
     config = MlpConfig(
         name="mlp",
         target="eigenode_cli.model:Mlp",
@@ -83,6 +84,8 @@ def many_states(n: int, hidden: list[int]) -> tuple[VectorField, Problem]:
         init="kaiming",
         input_scaling="max_abs",
         output_scaling="none",
+        linear="none",
+        scaling_from="data",
     )
     return build_field(config, states, states, seed=n), problem
 
@@ -187,7 +190,7 @@ PEERS = {"jac": user_term(jacobian_norm), "match": user_term(derivative_matching
 def test_terms_that_see_the_field(system: str, structure: str) -> None:
     case = make_case(system)
     data = case.problem().data
-    whole = Data(data.times, data.states, np.ones_like(data.mask))
+    whole = series(data.times, case.truth.states(data.times))
     field = case.field(seed=7, structure=structure)
     problem = case.problem(terms=("sol", "dmp", "jac", "match"), data=data if structure == "second_order" else whole)
     theta = flat_parameters(field)
@@ -235,8 +238,11 @@ def at_times(times: object, config: Solver) -> tuple[LossJacobian, LossJacobian]
     case = make_case("oscillator")
     data = case.problem().data
     count = np.size(times)
-    shown = Data(times, data.states[:count], data.mask[:count])  # type: ignore[arg-type]
-    problem = case.problem(data=shown, targets=case.problem().targets.rows(np.arange(count)), solver=config)
+    whole = case.problem()
+    shown = Series(times, data.values[:count], data.initial_state)  # type: ignore[arg-type]
+    states = whole.states[:count]  # type: ignore[index]
+    targets = whole.targets.rows(np.arange(count))
+    problem = case.problem(data=shown, states=states, targets=targets, solver=config)
     field = case.field(seed=3)
     theta = flat_parameters(field)
     return (
@@ -265,7 +271,7 @@ def test_evaluation_starts_with_the_data(engine: str) -> None:
     theta = flat_parameters(field)
     tested = CompiledEngine(shape_of(field), problem) if engine == "compiled" else TorchEngine(field, problem, {})
     dense = tested.evaluate(theta, np.array([0, 0, 1, 2])).dense
-    np.testing.assert_array_equal(dense[[0, 1]], problem.data.states[[0, 0]])
+    np.testing.assert_array_equal(dense[[0, 1]], [problem.data.initial_state] * 2)
     np.testing.assert_array_equal(tested.evaluate(theta, np.array([1.0, 2.0])).dense, dense[2:])
     for times in ([0.0, 2.0, 1.0], [0.0, np.nan], [-1.0, 1.0]):
         with pytest.raises(ValueError, match="times"):
@@ -275,4 +281,4 @@ def test_evaluation_starts_with_the_data(engine: str) -> None:
 def test_data_have_times_that_ascend() -> None:
     for times in ([0.0, 2.0, 1.0], [0.0, np.nan, 1.0]):
         with pytest.raises(ValueError, match=r"times\["):
-            Data(np.array(times), np.zeros((3, 2)), np.ones((3, 2), dtype=bool))
+            series(np.array(times), np.zeros((3, 2)))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from eigenode_cli.data import StatedTarget, targets_of_spectra
 from eigenode_cli.data.dataset import Targets
-from eigenode_cli.data.simulate import stated_targets, targets_of_spectra
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.factory import shape_of
@@ -24,7 +24,7 @@ def engine_of(name: str, targets: Targets) -> tuple[Engine, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", ["compiled", "torch"])
-@pytest.mark.parametrize("targets", [REAL, stated_targets([], [], 101)], ids=["real targets", "no targets"])
+@pytest.mark.parametrize("targets", [REAL, StatedTarget().rows(np.zeros(101))], ids=["real targets", "no targets"])
 def test_zero_trains_and_nothing_is_recorded(name: str, targets: Targets) -> None:
     engine, theta = engine_of(name, targets)
     idle = np.isin(NAMES, ["frq", "dmp", "osc"]) | ((np.array(NAMES) == "stf") & np.isinf(targets.stiffness).all())

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from eigenode_cli.engines.base import Floats
+from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.torch_engine import TorchEngine
 from eigenode_cli.model import VectorField, flat_parameters, load_flat
 from eigenode_cli.model.activations import ACTIVATIONS

@@ -68,7 +68,7 @@ def test_never_stable_is_never() -> None:
 
 def test_average_and_amplitude_are_those_of_the_data(study: Study) -> None:
     one = study.results["small"]["sol"][0]
-    states = one.run.data.states[:, 0]
+    states = one.run.data.values[:, 0]
     assert one.average == pytest.approx(np.mean(np.abs(states - np.median(states))), rel=1e-12)
     assert one.amplitude == pytest.approx(1.0, abs=1e-9)
 

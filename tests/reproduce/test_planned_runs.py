@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
+from eigenode_cli.batch import run
 from eigenode_cli.reproduce.planned_runs import (
     Unit,
     container,
@@ -19,7 +20,6 @@ from eigenode_cli.reproduce.planned_runs import (
     train_unit,
 )
 from eigenode_cli.reproduce.study import Study, prepare, train
-from eigenode_cli.runs import run
 from tests.reproduce.conftest import EXPERIMENT, write_experiment
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eigenode_cli.batch import run
+from eigenode_cli.config.build import gradient_scales
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import AdamConfig, MlpConfig, SequentialConfig, TrainConfig
-from eigenode_cli.runs import run
-from eigenode_cli.training.curriculum import gradient_scales
+from eigenode_cli.config.setup import build
 
 ALL = ("sol", "frq", "dmp", "stb", "osc", "stf")
 
@@ -74,7 +75,7 @@ def test_choices(
 def test_eigenvalue_count_of_the_journal(system: str, divisor: float) -> None:
     quirk = configuration("protocol=journal", f"system={system}")
     plain = replace(quirk, eigen=replace(quirk.eigen, eigenvalue_count="spectrum"))
-    ratio = gradient_scales(plain, ALL) / gradient_scales(quirk, ALL)
+    ratio = [gradient_scales(plain)[term] / gradient_scales(quirk)[term] for term in ALL]
     np.testing.assert_allclose(ratio, [1.0, divisor, divisor, divisor, divisor, 1.0], rtol=1e-14)
 
 
@@ -92,5 +93,5 @@ def test_the_count_changes_the_training_and_no_recorded_loss(tmp_path: Path) -> 
 
 def test_max_abs_position_is_one_in_the_journal() -> None:
     for system in ("oscillator", "sparse_oscillator", "vdp"):
-        setup = run.build(configuration("protocol=journal", f"system={system}"), lambda message: None)
-        assert np.abs(setup.data.states[:, 0]).max() == 1.0
+        setup = build(configuration("protocol=journal", f"system={system}"), lambda message: None)
+        assert np.abs(setup.problem.data.values[:, 0]).max() == 1.0

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from safetensors.torch import load_file
 
+from eigenode_cli.batch import run as run_module
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.console import QuietDisplay
+from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.model.init import INITS
-from eigenode_cli.runs import run as run_module
 from eigenode_cli.terms import NAMES
-from eigenode_cli.training.combine import COMBINATIONS
 from tests.batch.helpers import eigenode, start
 
 COLUMNS = (
@@ -182,9 +182,7 @@ def test_pretraining_resumes_to_the_same_bytes(tmp_path: Path) -> None:
         "system=oscillator",
         "grads=sol+stb",
         f"+terms.match={peer}",
-        "trainer.pretrain=match",
-        "trainer.pretrain_steps=30",
-        "trainer.horizons=[0.5,1]",
+        "stages=[{terms:match,steps:30},{horizons:[0.5,1]}]",
         "trainer.record_every=1",
         "trainer.checkpoint_every=5",
     ]

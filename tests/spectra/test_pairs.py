@@ -6,8 +6,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from eigenode_cli.data import StatedTarget, Truth, TruthTarget, targets_of_spectra
 from eigenode_cli.data.dataset import Targets
-from eigenode_cli.data.simulate import stated_targets, targets_of_spectra, truth_spectra, truth_targets
 from eigenode_cli.spectra.pairs import ROUNDING, assign_rows, find_partners, rounding_levels, without_rounding
 from eigenode_cli.systems import Oscillator
 from eigenode_cli.terms.torch_terms import spectral_values
@@ -51,13 +51,15 @@ def with_zeros(frequency: float, defective: bool) -> NDArray:
 def test_merged_pairs_are_treated_alike(stiffness: float, damping: float) -> None:
     system = Oscillator(stiffness, damping)
     states = np.ones((3, 2))
-    assert truth_targets(system, states).pairs.tolist() == [0, 0, 0]
-    assert not truth_spectra(system, states, 1.0).imag.any()
-    np.testing.assert_allclose(truth_spectra(system, states, 1.0).real, -damping / 2.0, rtol=1e-7)
+    times = np.linspace(0.0, 0.1, 3)
+    target = TruthTarget(Truth(system, (1.0, 1.0)))
+    assert target.rows(times).pairs.tolist() == [0, 0, 0]
+    assert not target.spectra(times).imag.any()
+    np.testing.assert_allclose(target.spectra(times).real, -damping / 2.0, rtol=1e-7)
     assert count_pairs(system.jacobian(states)) == [0, 0, 0]
     # a pair of a thousandth of that frequency is one
     near = Oscillator(stiffness * (1.0 + 1e-6), damping)
-    assert truth_targets(near, states).pairs.tolist() == [1, 1, 1]
+    assert TruthTarget(Truth(near, (1.0, 1.0))).rows(times).pairs.tolist() == [1, 1, 1]
 
 
 @pytest.mark.parametrize("defective", [False, True])
@@ -65,7 +67,7 @@ def test_merged_pairs_are_treated_alike(stiffness: float, damping: float) -> Non
 def test_zero_eigenvalues_make_no_pair_and_no_steep_slope(seed: int, defective: bool) -> None:
     condition = [1.0, 10.0, 100.0, 1000.0][seed % 4]
     matrices = np.stack([similar(with_zeros(0.5, defective), condition, seed)] * 2)
-    targets = stated_targets([0.1], [0.05], 2)
+    targets = StatedTarget([0.1], [0.05]).rows(np.zeros(2))
     assert count_pairs(matrices) == [1, 1]
     values, slopes = terms_of(matrices, targets, "frq", "dmp", "stf")
     assert values[0] == pytest.approx(2.0 * 0.4 / 4.0, rel=1e-6)
@@ -139,7 +141,7 @@ def test_a_model_like_the_truth_fits_perfectly_if_modes_share_a_frequency(seed: 
 
 
 def test_stated_pairs_follow_the_same_rule() -> None:
-    targets = stated_targets([1.0, 2.0], [0.1, 1e-17], 1)
+    targets = StatedTarget([1.0, 2.0], [0.1, 1e-17]).rows(np.zeros(1))
     assert np.isinf(targets.stiffness).all()  # a damping ratio that is lost in rounding is none
-    targets = stated_targets([1.0, 2.0], [0.1, 0.2], 1)
+    targets = StatedTarget([1.0, 2.0], [0.1, 0.2]).rows(np.zeros(1))
     assert targets.stiffness[0, 0] == pytest.approx(2.0 * 0.2 / 0.1 * np.sqrt(0.99 / 0.96))

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from torch import Tensor
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.spectra.eig import eig, eigvals
 from tests.engines.compiled.test_spectrum import spectrum_of
 
-Floats = NDArray[np.float64]
 LIMIT = 1e4
 
 

@@ -4,18 +4,16 @@ import numpy as np
 import pytest
 
 from eigenode_cli.config.plugins import GROUPS, load_class
-from eigenode_cli.data.simulate import (
-    reference_solution,
-    sample,
-    stated_targets,
-    targets_of_spectra,
-    truth_targets,
-    with_noise,
-)
+from eigenode_cli.data import Series, StatedTarget, Truth, TruthTarget, simulate, targets_of_spectra
 from eigenode_cli.systems import Oscillator, System, VanDerPol
 
 OSCILLATOR = Oscillator(m=2.0)
 VDP = VanDerPol()
+TRUTH = Truth(VDP, (2.0, 0.0))
+
+
+def measured(times: np.ndarray, noise: float = 0.0, seed: int = 0) -> Series:
+    return simulate(TRUTH, times, ["nu"], noise, seed).series[0]
 
 
 SHIPPED = [load_class(target) for target in GROUPS["system"].shipped]
@@ -39,9 +37,9 @@ def test_oscillator_follows_its_closed_form() -> None:
     times = np.linspace(0.0, 10.0, 101)
     decay, omega = 0.025, np.sqrt(25.0 - 0.025**2)
     exact = np.exp(-decay * times) * (np.cos(omega * times) + decay / omega * np.sin(omega * times))
-    states = reference_solution(system, np.array([1.0, 0.0]), times)
-    np.testing.assert_allclose(states[:, 0], exact, atol=1e-8)
-    targets = truth_targets(system, states)
+    truth = Truth(system, (1.0, 0.0))
+    np.testing.assert_allclose(truth.states(times)[:, 0], exact, atol=1e-8)
+    targets = TruthTarget(truth).rows(times)
     assert (targets.pairs == 1).all()
     np.testing.assert_allclose(targets.frequency[:, 0], omega / (2.0 * np.pi), rtol=1e-12)
     np.testing.assert_allclose(targets.damping[:, 0], decay / 5.0, rtol=1e-12)
@@ -49,17 +47,18 @@ def test_oscillator_follows_its_closed_form() -> None:
 
 
 def test_van_der_pol_has_a_pair_at_18_percent_of_the_data_times() -> None:
-    data = sample(VDP, np.array([2.0, 0.0]), 30.0, 91, ["nu"])
-    assert data.states.shape == (91, 2)
+    times = np.linspace(0.0, 30.0, 91)
+    data = measured(times)
+    assert data.values.shape == (91, 2)
     assert data.mask[:, 0].all()
     assert not data.mask[:, 1].any()
-    assert truth_targets(VDP, data.states).pairs.mean() == pytest.approx(0.18, abs=0.02)
-    assert np.abs(data.states[:, 0]).max() == pytest.approx(2.02, abs=0.02)  # the limit cycle's amplitude
+    assert TruthTarget(TRUTH).rows(times).pairs.mean() == pytest.approx(0.18, abs=0.02)
+    assert np.abs(data.values[:, 0]).max() == pytest.approx(2.02, abs=0.02)  # the limit cycle's amplitude
 
 
 def test_wrong_targets_are_wrong_in_their_frequency_alone() -> None:
-    states = sample(VDP, np.array([2.0, 0.0]), 30.0, 91, ["nu"]).states
-    right, wrong = truth_targets(VDP, states), truth_targets(VDP, states, 1.2)
+    times = np.linspace(0.0, 30.0, 91)
+    right, wrong = TruthTarget(TRUTH).rows(times), TruthTarget(TRUTH, 1.2).rows(times)
     np.testing.assert_allclose(wrong.frequency, 1.2 * right.frequency, rtol=1e-12)
     np.testing.assert_allclose(wrong.damping, right.damping, rtol=1e-12)
     np.testing.assert_array_equal(wrong.pairs, right.pairs)
@@ -67,20 +66,29 @@ def test_wrong_targets_are_wrong_in_their_frequency_alone() -> None:
 
 
 def test_noise_is_drawn_from_the_seed_for_what_is_observed() -> None:
-    data = sample(VDP, np.array([2.0, 0.0]), 300.0, 5001, ["nu"])
-    assert with_noise(data, 0.0, seed=3) is data
-    noisy, again, other = (with_noise(data, 0.1, seed) for seed in (3, 3, 4))
-    assert noisy.states.tobytes() == again.states.tobytes() != other.states.tobytes()
-    noise = noisy.states - data.states
-    assert not noise[:, 1].any()
+    times = np.linspace(0.0, 300.0, 5001)
+    data = measured(times)
+    noisy, again, other = (measured(times, 0.1, seed) for seed in (3, 3, 4))
+    assert noisy.values.tobytes() == again.values.tobytes() != other.values.tobytes()
+    noise = noisy.values - data.values
+    assert np.isnan(noise[:, 1]).all()
     assert noise[0, 0] == 0.0
-    assert np.std(noise[:, 0]) == pytest.approx(0.1 * np.abs(data.states[:, 0]).max(), rel=0.05)
+    assert np.std(noise[:, 0]) == pytest.approx(0.1 * np.abs(data.values[:, 0]).max(), rel=0.05)
     assert abs(np.mean(noise[:, 0])) < 0.01
+
+
+def test_what_is_not_known_of_the_initial_state_is_noisy_like_the_rest() -> None:
+    data = simulate(TRUTH, np.linspace(0.0, 3.0, 9), ["nu", "nu_dot"], 0.1, 3, known=["nu_dot"]).series[0]
+    assert np.isnan(data.initial_state).tolist() == [True, False]
+    assert data.values[0, 0] != 2.0
+    assert data.values[0, 1] == 0.0
+    assert data.unknown.tolist() == [0]
 
 
 def test_stated_targets_are_those_of_the_same_spectrum() -> None:
     pairs = np.array([[-0.3 + 9.0j, -0.3 - 9.0j, -0.8 + 4.0j, -0.8 - 4.0j]])
     known = targets_of_spectra(pairs)
-    stated = stated_targets([9.0 / (2 * np.pi), 4.0 / (2 * np.pi)], [0.3 / abs(-0.3 + 9.0j), 0.8 / abs(-0.8 + 4.0j)], 1)
+    frequency, damping = [9.0 / (2 * np.pi), 4.0 / (2 * np.pi)], [0.3 / abs(-0.3 + 9.0j), 0.8 / abs(-0.8 + 4.0j)]
+    stated = StatedTarget(frequency, damping).rows(np.zeros(1))
     for name in ("frequency", "damping", "pairs", "stiffness"):
         np.testing.assert_allclose(getattr(stated, name), getattr(known, name), rtol=1e-12)

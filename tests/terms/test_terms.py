@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
-from eigenode_cli.data.dataset import Data, Targets
-from eigenode_cli.data.simulate import targets_of_spectra
+from eigenode_cli.data import Targets, targets_of_spectra
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
+from tests.measured import series
 
 DELTA = 0.3
 ERROR_FUNCTIONS: dict[str, Callable[[Tensor], Tensor]] = {
@@ -235,7 +235,7 @@ def test_spectra_that_are_not_finite_do_not_count() -> None:
 def test_solution_term_is_the_mean_over_what_is_observed() -> None:
     states = torch.tensor([[1.0, 9.0], [2.0, 9.0], [4.0, 9.0]], dtype=torch.float64, requires_grad=True)
     mask = np.array([[True, False], [False, False], [True, False]])
-    data = Data(np.arange(3.0), np.array([[0.0, 0.0], [0.0, 0.0], [7.0, 0.0]]), mask)
+    data = series(np.arange(3.0), np.array([[0.0, 0.0], [0.0, 0.0], [7.0, 0.0]]), mask)
     value = solution_term(states, data, ERRORS["mae"], DELTA)
     assert float(value.detach()) == pytest.approx(2.0)
     (slope,) = torch.autograd.grad(value, states)

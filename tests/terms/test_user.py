@@ -6,13 +6,13 @@ import torch
 
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.data.dataset import Data
+from eigenode_cli.config.setup import build
 from eigenode_cli.model import flat_parameters
-from eigenode_cli.runs.run import build
 from eigenode_cli.terms.arguments import arguments_of
 from eigenode_cli.terms.peers import EDGE, derivative_matching, jacobian_norm, smoothed
 from eigenode_cli.terms.user import TermFailed, load_user_terms, user_term
 from tests.conftest import make_case
+from tests.measured import series
 from tests.terms import own
 
 FACTORS = (1.0, -25.0, -0.05)
@@ -33,7 +33,7 @@ class Oscillator(torch.nn.Module):
 def seen(noise: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
     """Times and positions of the paper's oscillator."""
     data = make_case("oscillator").problem().data
-    shown = data.seen + noise * np.random.default_rng(0).standard_normal(data.states.shape)
+    shown = data.seen + noise * np.random.default_rng(0).standard_normal(data.values.shape)
     return torch.from_numpy(data.times), torch.from_numpy(shown)
 
 
@@ -71,7 +71,7 @@ def test_terms_come_in_the_order_of_their_names() -> None:
 def test_unobserved_states_are_not_seen() -> None:
     states = np.arange(6.0).reshape(3, 2)
     mask = np.array([[True, False], [True, False], [False, False]])
-    shown = Data(np.arange(3.0), states, mask).seen
+    shown = series(np.arange(3.0), states, mask).seen
     np.testing.assert_array_equal(shown, [[0.0, 1.0], [2.0, np.nan], [np.nan, np.nan]])
 
 
@@ -111,7 +111,7 @@ def test_a_term_that_does_not_depend_on_anything_has_no_gradient(engine: str) ->
     config = typed(compose([f"engine={engine}", "+terms.late=tests.terms.test_user:late", "grads=sol+late"]))
     setup = build(config, print)
     found = setup.engine.loss_jacobian(flat_parameters(setup.field))
-    assert found.values[1] == pytest.approx(setup.data.times.mean())
+    assert found.values[1] == pytest.approx(setup.problem.data.times.mean())
     np.testing.assert_array_equal(found.gradients[1], 0.0)
     assert found.gradients[0].any()
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize, rosen, rosen_der
 
-from eigenode_cli.training.bfgs import CURVATURE, DECREASE, TRIALS, Bfgs, Floats, Point, line_search
+from eigenode_cli.arrays import Floats
+from eigenode_cli.training.bfgs import CURVATURE, DECREASE, TRIALS, Bfgs, Point, line_search
 
 
 def rosenbrock(theta: Floats) -> Point:

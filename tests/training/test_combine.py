@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from eigenode_cli.data.dataset import Floats
-from eigenode_cli.training.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST, combine
+from eigenode_cli.arrays import Floats
+from eigenode_cli.engines.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST, combine
 
 GRADIENTS = np.array([[1.0, -2.0, 0.0], [3.0, 1.0, -1.0]])
 EXPECTED = {

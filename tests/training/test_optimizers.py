@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from eigenode_cli.config.schema import AdamBfgsConfig, AdamConfig, SgdConfig
-from eigenode_cli.training.optimizers import AdamBfgs, Optimizer, build_optimizer, learning_rate
+from eigenode_cli.training.optimizers import Adam, AdamBfgs, AdamBfgsOptimizer, Optimizer, Sgd, build_optimizer
 
 CONSTANT = {"lr_extra": 0.0, "lr_rate": 0.0, "lr_every": 1}
 CASES = [
     (
-        AdamConfig(name="adam", lr=3e-3, beta1=0.8, beta2=0.99, eps=1e-8, **CONSTANT),
+        Adam(lr=3e-3, beta1=0.8, beta2=0.99, eps=1e-8, **CONSTANT),
         lambda p: torch.optim.Adam([p], lr=3e-3, betas=(0.8, 0.99), eps=1e-8),
     ),
     (
-        SgdConfig(name="sgd", lr=1e-2, momentum=0.9, **CONSTANT),
+        Sgd(lr=1e-2, momentum=0.9, **CONSTANT),
         lambda p: torch.optim.SGD([p], lr=1e-2, momentum=0.9),
     ),
 ]
@@ -50,8 +49,8 @@ def test_state_is_all_that_the_next_update_depends_on(config) -> None:
 
 
 def test_learning_rate_decays_in_stairs_to_its_end() -> None:
-    config = SgdConfig(name="sgd", lr=1e-3, lr_extra=9e-3, lr_rate=2e-3, lr_every=10, momentum=0.0)
-    rates = [learning_rate(config, k) for k in range(5001)]
+    config = Sgd(lr=1e-3, lr_extra=9e-3, lr_rate=2e-3, lr_every=10, momentum=0.0)
+    rates = [config.learning_rate(k) for k in range(5001)]
     assert rates[:10] == pytest.approx([1e-2] * 10)
     assert rates[4990] == rates[4999] == 1e-3 + 9e-3 * math.exp(-9.98)
     assert np.all(np.diff(rates)[9::10] < 0.0)
@@ -60,7 +59,7 @@ def test_learning_rate_decays_in_stairs_to_its_end() -> None:
 
 @pytest.mark.parametrize("config", [case[0] for case in CASES], ids=["adam", "sgd"])
 def test_a_constant_rate_is_exactly_that(config) -> None:
-    assert {learning_rate(config, k) for k in (0, 1, 5000)} == {config.lr}
+    assert {config.learning_rate(k) for k in (0, 1, 5000)} == {config.lr}
 
 
 @pytest.mark.parametrize("config", [case[0] for case in CASES], ids=["adam", "sgd"])
@@ -74,14 +73,14 @@ def test_an_update_has_the_size_of_its_rate(config) -> None:
 
 
 def test_the_rate_of_a_step_is_that_of_the_schedule() -> None:
-    config = SgdConfig(name="sgd", lr=1e-3, lr_extra=1.0, lr_rate=0.5, lr_every=1, momentum=0.0)
+    config = Sgd(lr=1e-3, lr_extra=1.0, lr_rate=0.5, lr_every=1, momentum=0.0)
     assert Optimizer(config, 2).lr(3) == 1e-3 + math.exp(-1.5)
 
 
 def test_bfgs_takes_over_from_adam_at_its_step() -> None:
     adam = CASES[0][0]
-    optimizer = build_optimizer(AdamBfgsConfig(**{**vars(adam), "name": "adam_bfgs"}, adam_steps=4), 3)
-    assert isinstance(optimizer, AdamBfgs)
+    optimizer = build_optimizer(AdamBfgs(**vars(adam), adam_steps=4), 3)
+    assert isinstance(optimizer, AdamBfgsOptimizer)
     plain = build_optimizer(adam, 3)
     assert optimizer.lr(3) == optimizer.adam_lr(4) == plain.lr(3)
     assert math.isnan(optimizer.lr(4))

@@ -12,16 +12,16 @@ import pytest
 import torch
 from safetensors.numpy import load_file
 
-from eigenode_cli.config.schema import AdamBfgsConfig, SgdConfig, TrainerConfig
+from eigenode_cli.arrays import Floats
 from eigenode_cli.console import LineDisplay
-from eigenode_cli.data.dataset import Floats
 from eigenode_cli.engines.base import Advance, Evaluation, LossJacobian, single_step
-from eigenode_cli.runs.recorder import Progress, Recorder, load_last, metrics_header
+from eigenode_cli.engines.combine import SEQUENTIAL
+from eigenode_cli.engines.update import Update
+from eigenode_cli.runs.recorder import Recorder, load_last, metrics_header
 from eigenode_cli.solve.status import Status
-from eigenode_cli.training.combine import SEQUENTIAL
-from eigenode_cli.training.optimizers import Optimizer, build_optimizer
-from eigenode_cli.training.trainer import Stage, Trainer, Unsolvable, summary
-from eigenode_cli.training.update import Rule
+from eigenode_cli.training.optimizers import AdamBfgs, Optimizer, Sgd, build_optimizer
+from eigenode_cli.training.progress import Progress
+from eigenode_cli.training.trainer import Phase, Trainer, TrainerOptions, Unsolvable, summary
 
 TIMES = np.linspace(0.0, 1.0, 1000)
 SCALES = np.array([1.0, 2.0])
@@ -52,8 +52,8 @@ class Bowl:
             guard_count=2,
         )
 
-    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
-        return single_step(self, theta, rule, rates, halt)
+    def advance(self, theta: Floats, update: Update, rates: Floats, halt: bool) -> Advance:
+        return single_step(self, theta, update, rates, halt)
 
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         jacobian = self.loss_jacobian(theta)
@@ -89,22 +89,22 @@ def make_trainer(
     folder: Path,
     engine: Bowl,
     start: float,
-    stages: list[Stage] | None = None,
+    phases: list[Phase] | None = None,
     opened: bool = True,
     **changes: object,
 ) -> Trainer:
     options = {"steps": 10, "record_every": 4, "checkpoint_every": 5, "on_unsolvable": "stabilise"}
-    config = TrainerConfig(**(options | changes))  # type: ignore[arg-type]
+    given = TrainerOptions(**(options | changes))  # type: ignore[arg-type]
     recorder = Recorder(folder, ("sol", "frq", "dmp", "stb", "osc", "stf"), np.zeros(TIMES.size))
     if opened:
         recorder.open(None)
     return Trainer(
         engine=engine,
-        stages=stages or [Stage(0, engine, SCALES)],
-        optimizer=Optimizer(SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.0), 1),
+        phases=phases or [Phase(0, engine, SCALES)],
+        optimizer=Optimizer(Sgd(lr=0.1), 1),
         combination=SEQUENTIAL,
         terms=("sol", "stb"),
-        config=config,
+        options=given,
         recorder=recorder,
         display=LineDisplay("stub", 0, 10),
         dense_times=TIMES,
@@ -137,16 +137,16 @@ def test_records_and_checkpoints_fall_on_their_steps_and_on_the_last(make: Make,
 
 def test_stages_take_their_steps_with_their_scales(make: Make, tmp_path: Path) -> None:
     before, *rest = engines = [Bowl(), Bowl(), Bowl()]
-    stages = [Stage(0, before, np.array([0.0, 0.5])), Stage(4, rest[0], SCALES), Stage(7, rest[1], SCALES)]
+    phases = [Phase(0, before, np.array([0.0, 0.5])), Phase(4, rest[0], SCALES), Phase(7, rest[1], SCALES)]
     whole = Bowl()
-    make(tmp_path, whole, 1.0, stages=stages).run()
+    make(tmp_path, whole, 1.0, phases=phases).run()
     assert [len(engine.seen) for engine in engines] == [4, 3, 3]
     assert len(whole.seen) == 4  # the records look at the whole horizon
     np.testing.assert_allclose(before.seen, 1.0 - 0.05 * np.arange(4), rtol=1e-12)  # its own scales: 0.1 times 0.5
 
 
 def searching(trainer: Trainer, adam_steps: int) -> Trainer:
-    config = AdamBfgsConfig("adam_bfgs", 0.1, 0.0, 0.0, 1, 0.9, 0.999, 1e-8, adam_steps)
+    config = AdamBfgs(lr=0.1, adam_steps=adam_steps)
     return dataclasses.replace(trainer, optimizer=build_optimizer(config, trainer.theta.size))
 
 
@@ -168,8 +168,8 @@ def test_bfgs_leaves_a_failed_solve_by_adam(make: Make, tmp_path: Path, capsys: 
 
 
 def test_bfgs_forgets_the_curvature_where_another_stage_begins(make: Make, tmp_path: Path) -> None:
-    stages = [Stage(0, Bowl(), SCALES), Stage(5, Bowl(), SCALES)]
-    trainer = searching(make(tmp_path, Bowl(), 5.0, stages=stages), adam_steps=0)
+    phases = [Phase(0, Bowl(), SCALES), Phase(5, Bowl(), SCALES)]
+    trainer = searching(make(tmp_path, Bowl(), 5.0, phases=phases), adam_steps=0)
     restarts: list[int] = []
     trainer.optimizer.bfgs.restart = lambda: restarts.append(trainer.progress.step)  # type: ignore[attr-defined]
     trainer.run()
@@ -259,8 +259,8 @@ def test_bfgs_at_the_minimum_has_converged(make: Make, tmp_path: Path) -> None:
 
 def test_a_stage_in_which_nothing_changes_gives_way_to_the_next(make: Make, tmp_path: Path) -> None:
     stuck, free = Flat(1.0, 1.0), Bowl()
-    stages = [Stage(0, stuck, SCALES), Stage(500, free, SCALES)]
-    trainer = searching(make(tmp_path, Bowl(), 5.0, stages=stages, steps=520, record_every=100), adam_steps=0)
+    phases = [Phase(0, stuck, SCALES), Phase(500, free, SCALES)]
+    trainer = searching(make(tmp_path, Bowl(), 5.0, phases=phases, steps=520, record_every=100), adam_steps=0)
     trainer.run()
     assert trainer.theta[0] == pytest.approx(-1.0)
     assert trainer.ending.status == "finished"
@@ -334,14 +334,14 @@ class Interrupter:
 
 
 def momentum(trainer: Trainer) -> Trainer:
-    config = SgdConfig(name="sgd", lr=0.1, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.5)
+    config = Sgd(lr=0.1, momentum=0.5)
     return dataclasses.replace(trainer, optimizer=build_optimizer(config, trainer.theta.size))
 
 
 def grown(trainer: Trainer) -> Trainer:
     """Two stages, each with a part of BFGS."""
-    stages = [Stage(0, trainer.engine, SCALES), Stage(6, trainer.engine, 2.0 * SCALES)]
-    return searching(dataclasses.replace(trainer, stages=stages), adam_steps=3)
+    phases = [Phase(0, trainer.engine, SCALES), Phase(6, trainer.engine, 2.0 * SCALES)]
+    return searching(dataclasses.replace(trainer, phases=phases), adam_steps=3)
 
 
 def failing(trainer: Trainer) -> Trainer:

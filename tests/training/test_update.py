@@ -4,34 +4,34 @@ import numpy as np
 import pytest
 import torch
 
+from eigenode_cli.arrays import Floats
+from eigenode_cli.config.build import build_method, combination
 from eigenode_cli.config.compose import compose, typed
-from eigenode_cli.config.schema import AdamConfig, SgdConfig
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.config.setup import build
+from eigenode_cli.engines.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST, combine
+from eigenode_cli.engines.update import learn
 from eigenode_cli.model import flat_parameters
-from eigenode_cli.runs import run
-from eigenode_cli.training.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST, combine
-from eigenode_cli.training.optimizers import Optimizer, build_optimizer
-from eigenode_cli.training.update import build_rule, learn
+from eigenode_cli.training.optimizers import Adam, Optimizer, Sgd, build_optimizer, build_update
 
-CONFIG = AdamConfig(name="adam", lr=3e-3, lr_extra=0.0, lr_rate=0.0, lr_every=1, beta1=0.9, beta2=0.999, eps=1e-8)
+CONFIG = Adam(lr=3e-3)
 
 
 def test_a_step_takes_every_update_of_the_combination() -> None:
     generator, scales = np.random.default_rng(1), np.array([1.0, 0.5, 3.0])
     for code in COMBINATIONS.values():
         ours, theirs = Optimizer(CONFIG, 5), Optimizer(CONFIG, 5)
-        rule, theta = build_rule(code, scales, ours), np.ones(5)
+        update, theta = build_update(code, scales, ours), np.ones(5)
         expected, room = theta.copy(), np.empty((4, 5))
         for k in range(4):
             gradients = generator.normal(size=(3, 5))
-            learn(rule, theta, gradients, 1e-2 / (k + 1))
+            learn(update, theta, gradients, 1e-2 / (k + 1))
             for update in room[: combine(code, gradients, scales, room)]:
                 theirs.update(expected, update, 1e-2 / (k + 1))
         assert theta.tobytes() == expected.tobytes()
         assert ours.state()["count"] == theirs.state()["count"]
 
 
-SGD = SgdConfig(name="sgd", lr=1e-2, lr_extra=0.0, lr_rate=0.0, lr_every=1, momentum=0.9)
+SGD = Sgd(lr=1e-2, momentum=0.9)
 PEERS = {
     "adam": (CONFIG, lambda p: torch.optim.Adam([p], lr=1e-3, betas=(0.9, 0.999), eps=1e-8)),
     "sgd": (SGD, lambda p: torch.optim.SGD([p], lr=1e-3, momentum=0.9)),
@@ -71,18 +71,18 @@ class TwiceTheLastStep:
 def test_the_authors_last_step_is_made_twice(gradients: list[list[float]], moved: float) -> None:
     """In units of the learning rate; 2.340 for the negligible second gradient, through Adam once more it were 2.188."""
     optimizer, theta = Optimizer(CONFIG, 1), np.zeros(1)
-    learn(build_rule(SEQUENTIAL_REPEATING_LAST, [1.0] * len(gradients), optimizer), theta, np.array(gradients), 1e-3)
+    learn(build_update(SEQUENTIAL_REPEATING_LAST, [1.0] * len(gradients), optimizer), theta, np.array(gradients), 1e-3)
     assert -theta[0] / 1e-3 == pytest.approx(moved, rel=1e-7)
     assert optimizer.state()["count"] == np.any(gradients, axis=1).sum()
 
 
 def test_nothing_is_repeated_where_no_gradient_acts() -> None:
     theta = np.arange(3.0)
-    rule = build_rule(SEQUENTIAL_REPEATING_LAST, [1.0], Optimizer(CONFIG, 3))
-    learn(rule, theta, np.ones((1, 3)), 1e-3)
+    update = build_update(SEQUENTIAL_REPEATING_LAST, [1.0], Optimizer(CONFIG, 3))
+    learn(update, theta, np.ones((1, 3)), 1e-3)
     after = theta.copy()
-    learn(rule, theta, np.full((1, 3), np.nan), 1e-3)
-    learn(rule, theta, np.zeros((1, 3)), 1e-3)
+    learn(update, theta, np.full((1, 3), np.nan), 1e-3)
+    learn(update, theta, np.zeros((1, 3)), 1e-3)
     assert theta.tobytes() == after.tobytes()
 
 
@@ -92,11 +92,11 @@ def test_repeated_steps_follow_torch(name: str) -> None:
     config, peer = PEERS[name]
     generator, theta = np.random.default_rng(2), np.ones(5)
     theirs, scales = TwiceTheLastStep(theta, peer), np.array([1.0, 0.5, 3.0])
-    rule = build_rule(SEQUENTIAL_REPEATING_LAST, scales, Optimizer(config, 5))
+    update = build_update(SEQUENTIAL_REPEATING_LAST, scales, Optimizer(config, 5))
     for k in range(20):
         gradients = generator.normal(size=(3, 5)) + theta
         gradients[2] *= k % 3 > 0
-        learn(rule, theta, gradients, 1e-3)
+        learn(update, theta, gradients, 1e-3)
         theirs.take(scales[:, None] * gradients)
     np.testing.assert_allclose(theta, theirs.theta, rtol=1e-12)
 
@@ -108,11 +108,13 @@ def test_the_authors_protocol_repeats_the_last_step(engine: str, name: str, grad
     words = ["protocol=authors", "system=sparse_oscillator", f"engine={engine}", f"optimizer={name}", f"grads={grads}"]
     momentum = [f"optimizer.momentum={SGD.momentum}"] if name == "sgd" else []
     config = typed(compose([*words, *momentum, "optimizer.lr=1e-3"]))
-    setup = run.build(config, lambda message: None)
-    stage, theta = setup.stages[0], flat_parameters(setup.field)
+    setup = build(config, lambda message: None)
+    stage, theta = setup.phases[0], flat_parameters(setup.field)
     theirs = TwiceTheLastStep(theta, PEERS[name][1])
-    rule = build_rule(run.combination(config.combine), stage.scales, build_optimizer(config.optimizer, theta.size))
+    update = build_update(
+        combination(config.combine), stage.scales, build_optimizer(build_method(config.optimizer), theta.size)
+    )
     for _ in range(3):
         theirs.take(stage.scales[:, None] * stage.engine.loss_jacobian(theirs.theta.copy()).gradients)
-        stage.engine.advance(theta, rule, np.array([1e-3]), False)
+        stage.engine.advance(theta, update, np.array([1e-3]), False)
     np.testing.assert_allclose(theta, theirs.theta, rtol=1e-9, atol=1e-12)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenode_cli.arrays import Floats, Integers
 from eigenode_cli.engines.compiled.algebra import BLOCK
 from eigenode_cli.engines.compiled.clusters import Cluster
 from eigenode_cli.engines.compiled.core import Core, Setup, Work
@@ -17,11 +18,16 @@ from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_ta
 from eigenode_cli.engines.compiled.pullback import Bars
 from eigenode_cli.engines.compiled.spectrum import Eigen
 from eigenode_cli.engines.problem import REACH, Problem
-from eigenode_cli.solve.tableau import Tableau
+from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
+from eigenode_cli.solve.tableau import TABLEAUS, Tableau
+from eigenode_cli.solve.times import fixed_step_count
 from eigenode_cli.terms import NAMES
+from eigenode_cli.terms.errors import MSE
 
-Floats = NDArray[np.float64]
-
+FIRST_CAPACITY = 256
+"""Steps that are recorded before room is made for more."""
+NO_STEPS = np.empty(0)
+"""Given steps where the solver chooses its own."""
 CACHED = 2**16
 """Doubles of tangents that a block may have: half of a megabyte, a part of one core's cache."""
 
@@ -80,6 +86,30 @@ def build_method(owner: Owner, tableau: Tableau, rtol: float, atol: float, max_s
     )
 
 
+def solver_method(owner: Owner, solver: Solver) -> tuple[Method, float]:
+    """Return the method of a solver's settings, and its step in s (0 for adaptive steps).
+
+    Raises:
+        ValueError: the settings do not fit the method, or it is unknown.
+    """
+    tableau = TABLEAUS.get(solver.name)
+    if tableau is None:
+        raise ValueError(f"solver.name={solver.name}: the compiled engine knows {', '.join(TABLEAUS)}")
+    if tableau.adaptive and isinstance(solver, AdaptiveSolver):
+        return build_method(owner, tableau, solver.rtol, solver.atol, solver.max_steps), 0.0
+    if not tableau.adaptive and isinstance(solver, FixedStepSolver):
+        return build_method(owner, tableau, 0.0, 1.0, 0), float(solver.step)
+    raise ValueError(f"solver.name={solver.name}: {type(solver).__name__} does not fit this method")
+
+
+def fixed_steps(step: float, start: float, end: float) -> Floats:
+    """Steps of one size from `start` to `end` in s, the last one shorter; no sliver where it divides the time."""
+    count = fixed_step_count(step, start, end)
+    steps = np.full(count, step)
+    steps[-1:] = (end - start) - (count - 1) * step
+    return steps
+
+
 class Room:
     """Room for the steps of a solve.
 
@@ -121,13 +151,21 @@ def block_columns(count: int, net: Net) -> int:
 
 
 def build_core(
-    owner: Owner, shape: MlpShape, problem: Problem, method: Method, terms: int, own_terms: int, forward_way: bool
+    owner: Owner,
+    shape: MlpShape,
+    problem: Problem,
+    method: Method,
+    terms: int,
+    own_terms: int,
+    forward_way: bool,
+    columns: int = 0,
 ) -> tuple[Core, Shared]:
-    """Everything but the steps, for L terms of which `own_terms` are the user's.
+    """Return everything but the steps, for L terms of which `own_terms` are the user's.
 
-    What only forward sensitivities need has no room unless `forward_way`.
+    What only forward sensitivities need has no room unless `forward_way`. `columns` are the states in a block of
+    spectra, 0 for as many as the cache has room for.
     """
-    n, m, size = shape.sizes[0], shape.sizes[-1], shape.parameters
+    n, m, size = shape.sizes[0], shape.sizes[-1], shape.parameters + problem.data.unknown.size
     outputs, count = problem.data.times.size, problem.spectral_index.size
     shared = Shared(
         theta=aligned(size),
@@ -144,7 +182,7 @@ def build_core(
         build_net(shape, blocks, table, (scales[0], scales[1]), memory)
         for blocks, table in zip((False, True), tables, strict=True)
     )
-    columns = block_columns(count, batch)
+    columns = columns or block_columns(count, batch)
     blocks = -(-count // columns)
     work = Work(
         columns=columns,
@@ -161,33 +199,39 @@ def build_core(
         solution_slope=owner.floats(outputs, n),
         user_slopes=owner.keep(shared.user_slopes),
         compared=owner.zeros(max(terms, len(NAMES)), np.int64),
+        square=owner.floats(1),
+        squares=owner.copy(np.full(len(NAMES), MSE), np.int64),
         partner=owner.zeros(n, np.int64),
         match=owner.zeros(n, np.int64),
         channel=owner.zeros(terms, np.int64),
         outcome=owner.keep(shared.outcome),
     )
-    bars = _build_bars(owner, net, method, outputs, terms, forward_way)
+    bars = _build_bars(owner, net, method, outputs, terms, forward_way, problem.data.unknown)
     eigen = build_eigen(owner, n, 2 * count, problem.max_condition)
     return label(Core(net, batch, method, eigen, bars, _build_setup(owner, problem), work)), shared
 
 
 def _build_setup(owner: Owner, problem: Problem) -> Setup:
     data, targets = problem.data, problem.targets
+    references = np.full_like(data.values, np.nan) if problem.states is None else problem.states
 
     def twice(rows: NDArray, dtype: type) -> int:
         return owner.copy(np.concatenate([rows, rows]), dtype)
 
     return Setup(
         outputs=data.times.size,
+        measured=problem.measured,
         rows=problem.spectral_index.size,
         pair_count=targets.frequency.shape[1],
         times=owner.copy(data.times, np.float64),
-        start=owner.copy(problem.initial_state, np.float64),
-        data=owner.copy(data.states, np.float64),
+        start=owner.copy(data.initial_state, np.float64),
+        unknown=owner.copy(data.unknown, np.int64),
+        unknown_count=data.unknown.size,
+        data=owner.copy(data.values, np.float64),
         mask=owner.copy(data.mask, np.bool_),
         indices=owner.copy(problem.spectral_index, np.int64),
-        references=owner.copy(data.states[problem.spectral_index], np.float64),
-        limit=owner.copy(REACH * np.abs(data.states).max(axis=0), np.float64),
+        references=owner.copy(references[problem.spectral_index], np.float64),
+        limit=owner.copy(REACH * problem.sizes, np.float64),
         frequency=twice(targets.frequency, np.float64),
         damping=twice(targets.damping, np.float64),
         pairs=twice(targets.pairs, np.int64),
@@ -200,7 +244,9 @@ def _build_setup(owner: Owner, problem: Problem) -> Setup:
     )
 
 
-def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int, forward_way: bool) -> Bars:
+def _build_bars(
+    owner: Owner, net: Net, method: Method, outputs: int, terms: int, forward_way: bool, unknown: Integers
+) -> Bars:
     n, m, q = net.n, net.m, terms * net.n
     columns, stride = net.size if forward_way else 0, whole_lines(net.size)
     return Bars(
@@ -221,6 +267,8 @@ def _build_bars(owner: Owner, net: Net, method: Method, outputs: int, terms: int
         tangent_stage=owner.floats(n, columns),
         tangent_k=owner.floats(method.stages, n, columns),
         tangent_output=owner.floats(n, columns),
+        unknown=owner.copy(unknown, np.int64),
+        unknown_count=unknown.size,
     )
 
 

@@ -16,12 +16,13 @@ class Setup(NamedTuple):
     """The problem as the kernels read it, for N data times, T spectra, K pairs; arrays by their addresses.
 
     Attributes:
-        outputs, rows, pair_count: N, T, K.
+        outputs, rows, pair_count: N, T, K; `measured` the number of measured values.
         times: data times `(N,)`.
-        start: initial state `(n,)`.
+        start: initial state `(n,)`; its unknown entries are filled from theta.
+        unknown, unknown_count: indices of these entries; their parameters are the last ones.
         data, mask: observations `(N, n)`.
         indices: data times at which spectra are taken `(T,)`.
-        references: data states there `(T, n)`, at which a failed solve takes the spectral terms as well.
+        references: states of the data there `(T, n)`, at which a failed solve takes the spectral terms as well.
         limit: moduli of the states up to which it takes them at the states that it reached `(n,)`.
         frequency, damping, pairs, stiffness: targets, one row for each of the T spectra and then again `(2 T, ...)`.
         margin, errors, delta: of the terms.
@@ -30,10 +31,13 @@ class Setup(NamedTuple):
     """
 
     outputs: int
+    measured: int
     rows: int
     pair_count: int
     times: int
     start: int
+    unknown: int
+    unknown_count: int
     data: int
     mask: int
     indices: int
@@ -67,6 +71,7 @@ class Work(NamedTuple):
         slopes: of the terms in the eigenvalues `(L, T, n)`, or `(L, 2 T, n)` after a failed solve.
         solution_slope: of SOL in the trajectory `(N, n)`; `user_slopes` of the user's terms `(U, N, n)`.
         compared: at how many spectra each term had something to compare `(L,)`.
+        square: value of one term at one spectrum with squares as errors `(1,)`; `squares` their codes `(6,)`.
         partner, match: of the terms `(n,)`.
         channel: number of the channel of each term in the pullback, -1 for none `(L,)`.
         outcome: see above `(6,)`.
@@ -86,6 +91,8 @@ class Work(NamedTuple):
     solution_slope: int
     user_slopes: int
     compared: int
+    square: int
+    squares: int
     partner: int
     match: int
     channel: int

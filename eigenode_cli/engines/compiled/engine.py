@@ -1,7 +1,6 @@
 """The compiled engine: buffers, compilation, and the way from a `Problem` to its loss Jacobian."""
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -10,43 +9,38 @@ import numpy as np
 
 from eigenode_cli.engines.base import (
     Advance,
-    ArrayTerm,
     Complexes,
     Evaluation,
     Floats,
     LossJacobian,
+    ResidualJacobian,
     single_step,
     unheard,
 )
 from eigenode_cli.engines.compiled import kernel
-from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method, term_codes
-from eigenode_cli.engines.compiled.cached import not_ready
-from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, Method
+from eigenode_cli.engines.compiled.buffers import (
+    FIRST_CAPACITY,
+    NO_STEPS,
+    Owner,
+    Room,
+    build_core,
+    fixed_steps,
+    solver_method,
+    term_codes,
+)
+from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED
 from eigenode_cli.engines.compiled.mlp import MlpShape
-from eigenode_cli.engines.compiled.subprocess_compile import compile_apart
+from eigenode_cli.engines.compiled.ready import Kernels
+from eigenode_cli.engines.compiled.residuals import CompiledResiduals
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.jit import PLAIN
-from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
+from eigenode_cli.engines.update import Update
 from eigenode_cli.solve.status import Status
-from eigenode_cli.solve.tableau import TABLEAUS
-from eigenode_cli.solve.times import checked_times, fixed_step_count
+from eigenode_cli.solve.times import checked_times
 from eigenode_cli.terms import NAMES
-from eigenode_cli.training.update import Rule
+from eigenode_cli.terms.array_term import ArrayTerm
 
 SENSITIVITIES = ("auto", "adjoint", "forward")
-FIRST_CAPACITY = 256
-"""Steps that are recorded before room is made for more."""
 EVERY_TERM = np.arange(len(NAMES))
-NO_STEPS = np.empty(0)
-"""Given steps where the solver chooses its own."""
-
-
-def fixed_steps(step: float, start: float, end: float) -> Floats:
-    """Steps of one size from `start` to `end` in s, the last one shorter; no sliver where it divides the time."""
-    count = fixed_step_count(step, start, end)
-    steps = np.full(count, step)
-    steps[-1:] = (end - start) - (count - 1) * step
-    return steps
 
 
 class CompiledEngine:
@@ -62,9 +56,6 @@ class CompiledEngine:
         sensitivity: `adjoint`, `forward`, or `auto`, which is the adjoint: in no case that was measured were forward
             sensitivities faster by more than 2 %, and with many parameters they are several times slower.
         announce: called with one line before a compilation that takes a while.
-
-    Attributes:
-        compile_seconds: time of compiling or of loading machine code in s; 0 before the first call.
 
     Raises:
         ValueError: problem, shape and options do not fit together.
@@ -85,9 +76,8 @@ class CompiledEngine:
         self._own = [name for name in problem.terms if name not in NAMES]
         _check(shape, problem, set(self._own) - set(self._user_terms), sensitivity)
         self._forward_way = sensitivity == "forward"
-        self._announce = announce
         self._owner = Owner()
-        self._method, self._step = _solver(self._owner, problem.solver)
+        self._method, self._step = solver_method(self._owner, problem.solver)
         self._codes = term_codes(problem.terms)
         self._vectors = problem.terms != NAMES[:1]
         self._core, self._shared = build_core(
@@ -98,8 +88,22 @@ class CompiledEngine:
         self._given = self._given_steps(self._times)
         self._room = self._make_room(self._given.size or min(FIRST_CAPACITY, self._method.max_steps))
         self._dense_room: Room | None = None
-        self._loaded: set[str] = set()
-        self.compile_seconds = 0.0
+        self._kernels = Kernels(self._signature, announce)
+        self._residuals: CompiledResiduals | None = None
+        self._description = (shape, problem, announce)
+
+    @property
+    def compile_seconds(self) -> float:
+        """Time of compiling or of loading machine code in s; 0 before the first call."""
+        return self._kernels.seconds + (0.0 if self._residuals is None else self._residuals.compile_seconds)
+
+    def residual_jacobian(
+        self, theta: Floats, differentiated: bool = True, steps: Floats | None = None
+    ) -> ResidualJacobian:
+        """See `Engine.residual_jacobian`; `steps` as in `loss_jacobian`."""
+        if self._residuals is None:
+            self._residuals = CompiledResiduals(*self._description)
+        return self._residuals.evaluate(theta, differentiated, steps)
 
     @property
     def steps(self) -> Floats:
@@ -123,7 +127,7 @@ class CompiledEngine:
             self._room = self._make_room(given.size)
         values, gradients = np.empty(self._codes.size), np.empty((self._codes.size, self._shared.theta.size))
         states, spectra = self._outputs()
-        self._ready(*(("forward", "pull_back") if self._own else ("loss_jacobian",)))
+        self._kernels.ready(*(("forward", "pull_back") if self._own else ("loss_jacobian",)))
         run = self._run_split if self._own else self._run_fused
         while run(given, values, gradients, states, spectra) == FULL:
             self._grow()
@@ -139,12 +143,12 @@ class CompiledEngine:
             guard_count=guarded,
         )
 
-    def advance(self, theta: Floats, rule: Rule, rates: Floats, halt: bool) -> Advance:
+    def advance(self, theta: Floats, update: Update, rates: Floats, halt: bool) -> Advance:
         """See `Engine.advance`: all steps, or one if a user's term takes part."""
         if self._own:
-            return single_step(self, theta, rule, rates, halt)
+            return single_step(self, theta, update, rates, halt)
         self._load(theta)
-        self._ready("advance")
+        self._kernels.ready("advance")
         values, statuses = np.empty((rates.size, self._codes.size)), np.empty(rates.size, dtype=np.int64)
         gradients = np.empty((self._codes.size, theta.size))
         states, spectra = self._outputs()
@@ -157,7 +161,7 @@ class CompiledEngine:
                 self._codes,
                 self._vectors,
                 self._forward_way,
-                rule,
+                update,
                 rates[done:],
                 halt,
                 self._shared.theta,
@@ -186,7 +190,9 @@ class CompiledEngine:
         """
         outputs = checked_times(np.concatenate([self._times[:1], times]))
         self._load(theta)
-        self._ready(*(("forward", "pull_back") if self._own else ("advance",)), "evaluate")  # compiled in one go
+        self._kernels.ready(
+            *(("forward", "pull_back") if self._own else ("advance",)), "evaluate"
+        )  # compiled in one go
         values = np.empty(len(NAMES))
         states, spectra = self._outputs()
         status, dense = self._evaluate(outputs, values, states, spectra)
@@ -270,7 +276,7 @@ class CompiledEngine:
                     slopes[row] = in_spectra
         kernel.pull_back(self._core, self._room.steps, self._codes, self._forward_way, values, gradients)
         for row, gradient in direct.items():
-            gradients[row] += gradient
+            gradients[row, : np.size(gradient)] += gradient
         return status
 
     def _defined(self, term: ArrayTerm, status: int) -> bool:
@@ -296,7 +302,7 @@ class CompiledEngine:
 
     def _load(self, theta: Floats) -> None:
         if np.shape(theta) != self._shared.theta.shape:
-            raise ValueError(f"theta has shape {np.shape(theta)}, the network {self._shared.theta.size} parameters")
+            raise ValueError(f"theta has shape {np.shape(theta)}, there are {self._shared.theta.size} parameters")
         self._shared.theta[:] = theta
 
     def _checked(self, steps: Floats) -> Floats:
@@ -306,33 +312,15 @@ class CompiledEngine:
             raise ValueError(f"steps must be positive and add up to the horizon of {horizon} s")
         return given
 
-    def _ready(self, *names: str) -> None:
-        """Compile or load the kernels of these names before their first call, and take the time."""
-        fresh = [name for name in names if name not in self._loaded]
-        if not fresh:
-            return
-        if PLAIN and not self._loaded:
-            self._announce("NUMBA_DISABLE_JIT is set: kernels run as plain Python, very slowly, for debugging")
-        signatures = {name: self._signature(name) for name in fresh if not PLAIN}
-        start = time.perf_counter()
-        if missing := not_ready(kernel, signatures):
-            self._announce("compiling the engine, once for this environment (one to two minutes)")
-            if fault := compile_apart(missing):
-                self._announce(f"compiling it within this run, as it failed in a process of its own: {fault}")
-        for name, signature in signatures.items():
-            getattr(kernel, name).compile(signature)
-        self._loaded.update(fresh)
-        self.compile_seconds += time.perf_counter() - start
-
     def _signature(self, name: str) -> tuple[Any, ...]:
         """Types of the arguments of a kernel."""
         states, spectra = self._outputs()
         values, gradients = np.empty(1), np.empty((1, 1))
         solve = (self._core, self._room.steps, NO_STEPS)
         ways, results = (self._codes, True, True), (gradients, states, spectra)
-        rule = Rule(0, values, 0, values, gradients, values, gradients)
+        update = Update(0, values, 0, values, gradients, values, gradients, self._codes, values)
         arguments = {
-            "advance": (*solve, *ways, rule, values, True, values, *results, gradients, self._codes),
+            "advance": (*solve, *ways, update, values, True, values, *results, gradients, self._codes),
             "loss_jacobian": (*solve, *ways, values, *results),
             "forward": (*solve, self._codes, True, values, states, spectra),
             "pull_back": (*solve[:2], self._codes, True, values, gradients),
@@ -341,23 +329,11 @@ class CompiledEngine:
         return tuple(numba.typeof(argument) for argument in arguments[name])
 
 
-def _solver(owner: Owner, solver: Solver) -> tuple[Method, float]:
-    """The method of a solver's configuration, and its step in s (0 for adaptive steps)."""
-    tableau = TABLEAUS.get(solver.name)
-    if tableau is None:
-        raise ValueError(f"solver.name={solver.name}: the compiled engine knows {', '.join(TABLEAUS)}")
-    if tableau.adaptive and isinstance(solver, AdaptiveSolver):
-        return build_method(owner, tableau, solver.rtol, solver.atol, solver.max_steps), 0.0
-    if not tableau.adaptive and isinstance(solver, FixedStepSolver):
-        return build_method(owner, tableau, 0.0, 1.0, 0), float(solver.step)
-    raise ValueError(f"solver.name={solver.name}: {type(solver).__name__} does not fit this method")
-
-
 def _check(shape: MlpShape, problem: Problem, missing: set[str], sensitivity: str) -> None:
     """Raise a ValueError for what does not fit together."""
     if missing:
         raise ValueError(f"terms {', '.join(sorted(missing))}: not of {', '.join(NAMES)}, and no user terms")
     if sensitivity not in SENSITIVITIES:
         raise ValueError(f"sensitivity={sensitivity}: choose from {', '.join(SENSITIVITIES)}")
-    if problem.data.states.shape[1] != shape.sizes[0]:
-        raise ValueError(f"the data has {problem.data.states.shape[1]} states, the network {shape.sizes[0]}")
+    if problem.data.states != shape.sizes[0]:
+        raise ValueError(f"the data has {problem.data.states} states, the network {shape.sizes[0]}")

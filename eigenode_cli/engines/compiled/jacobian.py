@@ -105,6 +105,10 @@ def jacobian_block(net, columns, tangents, a):
                 add_rows(width, columns, columns, shift(weights, o * width), 1, beneath, row)
             for t in range(columns):
                 row[t] *= scale_out[o]
+            if net.field > net.network:
+                entry = doubles(net.theta, net.network + o * net.n + k)[0]
+                for t in range(columns):
+                    row[t] += entry
 
 
 @njit_inner
@@ -125,6 +129,9 @@ def pull_back_block(net, columns, record, tangents, bar_a, bar_x, packed, scratc
     # of each set, channels 0 ... n-1 hold the cotangents of V_l, channel n that of the layer's value
     here, there = scratch, shift(scratch, n * room + net.widest * columns)
     clear(n * columns, bar_x)
+    if net.field > net.network:
+        for i in range(net.m * n):
+            packed[net.network + i] += total(columns, shift(bar_a, i * columns))
     _pull_back_output_layer(net, columns, tangents, bar_a, packed, here)
     for level in range(net.last, 0, -1):
         _through_activation(net, columns, level, record, tangents, here)

@@ -15,10 +15,10 @@ from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, integrat
 from eigenode_cli.engines.compiled.memory import booleans, carray, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import mirror_weights, unpack_gradient
 from eigenode_cli.engines.compiled.pullback import adjoint, forward_sensitivities, gather_rows
+from eigenode_cli.engines.update import learn
 from eigenode_cli.jit import njit, njit_inner
 from eigenode_cli.terms.sol import sol
 from eigenode_cli.terms.spectral import SOL, spectral_terms
-from eigenode_cli.training.update import learn
 
 
 @njit
@@ -40,7 +40,7 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     """
     setup, outcome = core.setup, integers(core.work.outcome, 0)
     mirror_weights(core.net)
-    times, start, trajectory = doubles(setup.times, 0), doubles(setup.start, 0), start_of(states)
+    times, start, trajectory = doubles(setup.times, 0), _initial_state(core), start_of(states)
     status, accepted, rejected, reached = UNSOLVED, 0, 0, 0
     if setup.solved:
         status, accepted, rejected, reached = integrate(
@@ -56,6 +56,16 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
         spectra[:, :] = complex(math.nan, math.nan)
     _evaluate_terms(core, codes, values, states)
     return status
+
+
+@njit_inner
+def _initial_state(core):
+    """The state that the solve starts from `(n,)`, its trained entries taken from theta."""
+    start, unknown, count = doubles(core.setup.start, 0), integers(core.setup.unknown, 0), core.setup.unknown_count
+    trained = doubles(core.net.theta, core.net.size - count)
+    for i in range(count):
+        start[unknown[i]] = trained[i]
+    return start
 
 
 @njit_inner
@@ -104,7 +114,7 @@ def _stabilising_rows(core, reached, trajectory):
 @njit
 def solve(core, steps, given, times, states):
     """States `(D, n)` at other `times (D,)`, of a solve from the same initial state; returns as `integrate`."""
-    start = doubles(core.setup.start, 0)
+    start = _initial_state(core)
     mirror_weights(core.net)
     return integrate(
         core.net, core.method, steps, given.size, start_of(given), start, times.size, start_of(times), start_of(states)
@@ -247,7 +257,7 @@ def advance(
     codes,
     vectors,
     forward_way,
-    rule,
+    update,
     rates,
     halt,
     theta,
@@ -261,7 +271,7 @@ def advance(
 
     Args:
         core, steps, given, codes, vectors, forward_way, gradients, states, spectra: as in `loss_jacobian`.
-        rule: of the updates.
+        update: of the updates.
         rates: learning rates.
         halt: end behind a solve that failed, before its update.
         theta: the parameters at `core.net.theta` as an array `(P,)`, changed.
@@ -281,5 +291,5 @@ def advance(
         guarded += integers(core.work.outcome, 0)[GUARDED]
         if halt and status not in (OK, UNSOLVED):
             return k + 1, guarded
-        learn(rule, theta, gradients, rates[k])
+        learn(update, theta, gradients, rates[k])
     return rates.size, guarded

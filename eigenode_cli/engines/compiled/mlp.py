@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.compiled.activations import ACTIVATIONS, activate
 from eigenode_cli.engines.compiled.algebra import add_outer, add_scaled, clear, copy, is_mirrored, multiply
 from eigenode_cli.engines.compiled.memory import address, doubles, integers, shift, whole_lines
 from eigenode_cli.jit import njit_inner
-
-Floats = NDArray[np.float64]
 
 COLUMNS = 8
 INPUTS, OUTPUTS, WEIGHT, BIAS, VALUE, SLOPE, CURVE, TANGENT = range(COLUMNS)
@@ -35,6 +34,7 @@ class MlpShape:
             network gives the derivative of the second) or `full` (m = n).
         input_scale: factors of the states `(n,)`.
         output_scale: factors of the outputs `(m,)`.
+        linear: whether a matrix `(m, n)`, behind the network in theta, is multiplied with the state and added.
     """
 
     sizes: tuple[int, ...]
@@ -42,6 +42,7 @@ class MlpShape:
     structure: str
     input_scale: Floats
     output_scale: Floats
+    linear: bool = False
 
     def __post_init__(self) -> None:
         if len(self.sizes) < 2 or min(self.sizes) < 1:
@@ -60,6 +61,11 @@ class MlpShape:
     @property
     def parameters(self) -> int:
         """Number of parameters P."""
+        return self.network_parameters + self.linear * self.sizes[0] * self.sizes[-1]
+
+    @property
+    def network_parameters(self) -> int:
+        """Number of those of the network, which come first."""
         return sum((a + 1) * b for a, b in zip(self.sizes[:-1], self.sizes[1:], strict=True))
 
 
@@ -69,7 +75,9 @@ class Net(NamedTuple):
     Attributes:
         layers: address of the layer table `(last + 1, COLUMNS)` int64.
         last: index of the output layer.
-        n, m, size: number of states, outputs, parameters.
+        n, m, size: number of states, outputs, and of all parameters, those of unknown initial values included.
+        network, field: number of the network's parameters, which come first; and with the linear part's, `(m, n)` row
+            by row, behind them. Equal where there is no linear part.
         activation: its code.
         scale_in, scale_out: addresses of the scales `(n,)` and `(m,)`.
         theta, mirror: addresses of the parameters `(size,)`, and of the same with every weight matrix transposed.
@@ -83,6 +91,8 @@ class Net(NamedTuple):
     n: int
     m: int
     size: int
+    network: int
+    field: int
     activation: int
     scale_in: int
     scale_out: int
@@ -120,7 +130,7 @@ def build_net(
     scales: tuple[Floats, Floats],
     memory: tuple[Floats, Floats],
 ) -> Net:
-    """The net of a shape on buffers of the caller's: layer table, scales, and room for theta and mirror `(P,)`."""
+    """Return the net of a shape on the caller's buffers: layer table, scales, and room for theta and mirror `(P,)`."""
     hidden = shape.sizes[1:-1]
     stride = list(hidden) if blocks else [whole_lines(size) for size in hidden]
     first = shape.sizes[0] if blocks else whole_lines(shape.sizes[0])
@@ -129,7 +139,9 @@ def build_net(
         last=len(table) - 1,
         n=shape.sizes[0],
         m=shape.sizes[-1],
-        size=shape.parameters,
+        size=memory[0].size,
+        network=shape.network_parameters,
+        field=shape.parameters,
         activation=ACTIVATIONS[shape.activation],
         scale_in=address(scales[0]),
         scale_out=address(scales[1]),
@@ -172,6 +184,7 @@ def unpack_gradient(net, packed, gradient):
         else:
             copy(inputs * outputs, shift(packed, at), shift(gradient, at))
         copy(outputs, shift(packed, bias), shift(gradient, bias))
+    copy(net.size - net.network, shift(packed, net.network), shift(gradient, net.network))
 
 
 @njit_inner
@@ -193,6 +206,11 @@ def evaluate_field(net, x, record, rate):
     _affine(net, net.last, u, y)
     for o in range(m):
         y[o] *= scale_out[o]
+    if net.field > net.network:
+        linear = doubles(net.theta, net.network)
+        for o in range(m):
+            for i in range(n):
+                y[o] += linear[o * n + i] * x[i]
     for i in range(lead):
         rate[i] = x[m + i]
 
@@ -240,3 +258,15 @@ def pull_back_outputs(net, record, seed, bar_x, packed, scratch):
         bar_z, bar_u = bar_u, bar_z
     for i in range(net.n):
         bar_x[i] += bar_z[i] * scale_in[i]
+    if net.field > net.network:
+        _pull_back_linear(net, record, seed, bar_x, packed)
+
+
+@njit_inner
+def _pull_back_linear(net, record, seed, bar_x, packed):
+    """Add the pullback of the outputs' cotangent `seed (m,)` through the linear part; `record` holds scaled states."""
+    n, linear, scale_in = net.n, doubles(net.theta, net.network), doubles(net.scale_in, 0)
+    for o in range(net.m):
+        for i in range(n):
+            bar_x[i] += linear[o * n + i] * seed[o]
+            packed[net.network + o * n + i] += seed[o] * record[i] / scale_in[i]

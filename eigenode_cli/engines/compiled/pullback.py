@@ -32,6 +32,7 @@ class Bars(NamedTuple):
         scratch: of the network's pullbacks `(2, widest)`.
         tangent_state, tangent_stage, tangent_output, tangent_k: forward sensitivities of a state, of a stage and of an
             output `(n, P)`, of the stages' derivatives `(s, n, P)`.
+        unknown, unknown_count: indices of the initial state's trained entries; their parameters are the last ones.
     """
 
     states: int
@@ -51,6 +52,8 @@ class Bars(NamedTuple):
     tangent_stage: int
     tangent_k: int
     tangent_output: int
+    unknown: int
+    unknown_count: int
 
 
 @njit_inner
@@ -152,6 +155,7 @@ def adjoint(net, method, steps, bars, channels, outputs):
     q, stages = channels * net.n, method.stages
     output = _last_output(outputs, q, doubles(bars.states, 0))
     if output == 0:
+        _add_first_outputs(net, steps, bars, channels, outputs)
         return
     rates, states = doubles(bars.stage_rates, 0), doubles(bars.stage_states, 0)
     start, carried = doubles(bars.start, 0), doubles(bars.carried, 0)
@@ -173,7 +177,29 @@ def adjoint(net, method, steps, bars, channels, outputs):
             add_scaled(q, 1.0, state, start)
         combine(q, stages - 1, rates, h, doubles(method.transposed, 1), shift(states, q), carried)
         copy(q, start, end)
+    _add_initial_state(net, bars, channels, start)
     _pull_back_field(net, doubles(steps.record, 0), bars, channels, carried, end)
+    _add_initial_state(net, bars, channels, end)
+    _add_first_outputs(net, steps, bars, channels, outputs)
+
+
+@njit_inner
+def _add_first_outputs(net, steps, bars, channels, outputs):
+    """Add the cotangents of the outputs that show the initial state itself."""
+    output = 0
+    while output < outputs and integers(steps.output_step, 0)[output] < 0:
+        _add_initial_state(net, bars, channels, doubles(bars.states, output * channels * net.n))
+        output += 1
+
+
+@njit_inner
+def _add_initial_state(net, bars, channels, bar_x):
+    """Add cotangents of the initial state `(C n,)` to the gradients of its trained entries."""
+    unknown, count = integers(bars.unknown, 0), bars.unknown_count
+    for c in range(channels):
+        gradient = doubles(bars.packed, (c + 1) * net.size - count)
+        for i in range(count):
+            gradient[i] += bar_x[c * net.n + unknown[i]]
 
 
 @njit_inner
@@ -185,12 +211,13 @@ def forward_sensitivities(net, method, steps, bars, channels, outputs):
     """
     stages, length = method.stages, net.n * net.size
     final = _last_output(outputs, channels * net.n, doubles(bars.states, 0))
+    _add_first_outputs(net, steps, bars, channels, outputs)
     if final == 0:
         return
     state, stage, k = doubles(bars.tangent_state, 0), doubles(bars.tangent_stage, 0), doubles(bars.tangent_k, 0)
     output_step, output = integers(steps.output_step, 0), 0
-    clear(length, state)
-    _push_field(net, doubles(steps.record, 0), bars, state, k)
+    start_sensitivities(net, bars, state)
+    push_field(net, doubles(steps.record, 0), bars, state, k)
     for step in range(output_step[final] + 1):
         h, before = doubles(steps.size, 0)[step], output
         while output < final and output_step[output + 1] <= step:
@@ -198,7 +225,7 @@ def forward_sensitivities(net, method, steps, bars, channels, outputs):
         for j in range(1, stages):
             combine(length, j, state, h, doubles(method.a, j * stages), k, stage)
             record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
-            _push_field(net, record, bars, stage, shift(k, j * length))
+            push_field(net, record, bars, stage, shift(k, j * length))
         inside = output - before
         if inside * (stages + channels) < channels * (stages + 1):
             for number in range(before + 1, output + 1):
@@ -207,6 +234,14 @@ def forward_sensitivities(net, method, steps, bars, channels, outputs):
             _contract_stages(net, method, steps, bars, channels, step, output)
         copy(length, stage, state)
         copy(length, shift(k, (stages - 1) * length), k)
+
+
+@njit_inner
+def start_sensitivities(net, bars, state):
+    """Fill `state (n, P)` with the derivatives of the initial state: ones where an entry of it is a parameter."""
+    clear(net.n * net.size, state)
+    for i in range(bars.unknown_count):
+        state[integers(bars.unknown, 0)[i] * net.size + net.size - bars.unknown_count + i] = 1.0
 
 
 @njit_inner
@@ -235,7 +270,7 @@ def _contract_stages(net, method, steps, bars, channels, step, output):
 
 
 @njit_inner
-def _push_field(net, record, bars, stage, rate):
+def push_field(net, record, bars, stage, rate):
     """Fill `rate (n, P)` with the sensitivity of `f(x)` at a recorded state for the sensitivity `stage (n, P)` of x."""
     n, m, size = net.n, net.m, net.size
     lead = n - m

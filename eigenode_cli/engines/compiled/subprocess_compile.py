@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 
-from eigenode_cli.engines.compiled import kernel
+from eigenode_cli.engines.compiled import kernels
 from eigenode_cli.engines.compiled.cached import Signature, not_ready
 from eigenode_cli.jit import cache_folder
 
@@ -33,7 +33,7 @@ def compile_apart(signatures: Mapping[str, Signature]) -> str | None:
     if done.returncode != 0:
         said = done.stderr.decode(errors="replace").strip().splitlines()
         return said[-1] if said else f"its process ended with status {done.returncode}"
-    missing = not_ready(kernel, signatures)
+    missing = not_ready(kernels, signatures)
     return f"{', '.join(missing)} did not get into the cache {cache_folder()}" if missing else None
 
 
@@ -41,7 +41,7 @@ def main() -> None:
     """Compile what standard input asks for; on a fault its line is the last of standard error, the status 1."""
     try:
         for name, signature in pickle.load(sys.stdin.buffer).items():
-            getattr(kernel, name).compile(signature)
+            getattr(kernels, name).compile(signature)
     except Exception as error:  # of the compiler or the linker, a full disk
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         sys.exit(": ".join([type(error).__name__, *lines[:2]]))  # Numba's first line names the pass, the second why

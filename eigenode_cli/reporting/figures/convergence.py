@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Data, Floats
+from eigenode_cli.arrays import Floats
+from eigenode_cli.data.dataset import Series
 from eigenode_cli.reporting.figures.plateaus import Plateau, plateaus
 from eigenode_cli.reporting.figures.style import (
     BORDER_LOOK,
@@ -65,7 +66,7 @@ def convergence_numbers(run: Run) -> Convergence:
     )
 
 
-def tenth_of_average(data: Data, error: str, delta: float) -> float:
+def tenth_of_average(data: Series, error: str, delta: float) -> float:
     """SOL of a model whose error is everywhere a tenth of that of the average over the oscillation.
 
     The average is the local minimum that the paper warns of (Fig. oscmin); it gives "solved" a scale that depends on
@@ -76,7 +77,7 @@ def tenth_of_average(data: Data, error: str, delta: float) -> float:
         error: error function of SOL, mae | mse | huber.
         delta: Huber's threshold.
     """
-    observed = data.states[:, data.mask.any(axis=0)]
+    observed = data.values[:, data.mask.any(axis=0)]
     size = SOLVED * np.abs(observed - np.nanmedian(observed, axis=0))
     if error == "mse":
         size = size**2

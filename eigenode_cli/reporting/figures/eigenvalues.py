@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.reporting.figures.style import (
     BORDER_LOOK,
     UNSTABLE,
@@ -23,7 +23,7 @@ from eigenode_cli.reporting.figures.style import (
     time_colormap,
     warn,
 )
-from eigenode_cli.runs.reader import Bools, Complexes, Run
+from eigenode_cli.runs.reader import Bools, Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Floats
 from eigenode_cli.reporting.figures.solution import reach
 from eigenode_cli.reporting.figures.style import (
     MODEL,
@@ -50,7 +50,7 @@ def phase_numbers(run: Run) -> Phase:
     solution = run.solution
     truth, model = solution.truth[:, :2], solution.model[:, :2]
     inside = int((~solution.beyond).sum())
-    known = np.vstack([truth, run.data.states[:, :2]])
+    known = np.vstack([truth, run.data.values[:, :2]])
     return Phase(
         states=(run.states[0], run.states[1]),
         truth=truth,

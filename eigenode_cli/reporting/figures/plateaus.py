@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Floats
 
 LENGTH = 0.1
 """Shortest plateau, as a fraction of all steps."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Floats
 from eigenode_cli.reporting.figures.style import (
     BEYOND,
     BORDER_LOOK,
@@ -72,7 +72,7 @@ def solution_numbers(run: Run) -> SolutionNumbers:
     panels: list[Panel] = []
     for i in shown:
         seen = data.mask[:, i]
-        points = data.states[seen, i]
+        points = data.values[seen, i]
         known = np.concatenate([solution.truth[:, i], points])
         limits = reach(known, solution.model[:, i])
         panels.append(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eigenode_cli.data.dataset import Floats
+from eigenode_cli.arrays import Floats
 from eigenode_cli.runs.atomic import write_bytes
 from eigenode_cli.runs.reader import Bools
 from eigenode_cli.systems.base import State

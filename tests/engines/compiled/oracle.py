@@ -4,20 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from eigenode_cli.data.dataset import Data
-from eigenode_cli.data.simulate import targets_of_spectra
+from eigenode_cli.arrays import Floats
+from eigenode_cli.data import targets_of_spectra
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
-
-Floats = NDArray[np.float64]
+from tests.measured import series
 
 ACTIVATIONS = {
     "tanh": torch.tanh,
@@ -59,7 +57,8 @@ def make_problem(
     matrices = random.normal(size=(len(range(0, count, every)), n, n)) * 2.0
     targets = targets_of_spectra(np.linalg.eigvals(matrices).astype(np.complex128))
     problem = Problem(
-        data=Data(times, states, mask),
+        data=series(times, states, mask),
+        states=states,
         targets=replace(targets, pairs=np.full_like(targets.pairs, max(1, n // 2))),
         every=every,
         terms=NAMES,
@@ -93,6 +92,8 @@ def field(shape: MlpShape, theta: Tensor, x: Tensor) -> Tensor:
         z = u @ weight.T + bias
         u = z if level == last else ACTIVATIONS[shape.activation](z)
     y = u * torch.from_numpy(shape.output_scale)
+    if shape.linear:
+        y = y + x @ theta[at : at + shape.sizes[0] * shape.sizes[-1]].reshape(shape.sizes[-1], shape.sizes[0]).T
     return torch.cat([x[..., x.shape[-1] // 2 :], y], -1) if shape.structure == "second_order" else y
 
 
@@ -130,7 +131,7 @@ def loss_jacobian(
 ) -> tuple[Floats, Floats]:
     """Values `(6,)` and gradients `(6, P)` of all six terms by autograd through everything."""
     leaf = torch.from_numpy(theta.copy()).requires_grad_()
-    trajectory = rollout(shape, leaf, tableau, steps, problem.initial_state, problem.data.times)
+    trajectory = rollout(shape, leaf, tableau, steps, problem.data.initial_state, problem.data.times)
     spectra = torch.linalg.eigvals(jacobians(shape, leaf, trajectory[problem.spectral_index]))
     values = terms(problem, trajectory, spectra)
     rows = [torch.autograd.grad(value, leaf, retain_graph=True)[0] for value in values]

@@ -10,11 +10,11 @@ import pytest
 import torch
 from scipy.integrate import solve_ivp
 
-from eigenode_cli.engines.base import ArrayTerm
 from eigenode_cli.engines.compiled.engine import FIRST_CAPACITY, CompiledEngine, fixed_steps
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TSIT5
+from eigenode_cli.terms.array_term import ArrayTerm
 from tests.engines.compiled import oracle
 
 
@@ -40,7 +40,7 @@ def test_states_are_those_of_scipy_at_tight_tolerance():
     wanted = solve_ivp(
         rates,
         (0.0, 3.0),
-        problem.initial_state,
+        problem.data.initial_state,
         method="DOP853",
         t_eval=problem.data.times,
         rtol=1e-12,
@@ -55,7 +55,7 @@ def test_output_times_do_not_change_the_steps():
     steps = []
     for count in (2, 9, 200):
         problem = oracle.make_problem(2, count=count)
-        problem.data.states[0] = [1.0, -0.5]
+        problem.data.initial_state[:] = [1.0, -0.5]
         engine = CompiledEngine(shape, problem)
         engine.loss_jacobian(theta)
         steps.append(engine.steps)
@@ -97,7 +97,7 @@ def test_stabilising_terms_are_those_of_the_states_that_count():
     rows = problem.stabilising_rows(reached)
     assert 0 < rows.size < len(reached) < 200
     leaf = torch.from_numpy(theta.copy()).requires_grad_()
-    states = torch.from_numpy(np.concatenate([reached[rows], problem.data.states]))
+    states = torch.from_numpy(np.concatenate([reached[rows], problem.states]))
     spectra = torch.linalg.eigvals(oracle.jacobians(shape, leaf, states))
     targets = problem.targets.rows(np.concatenate([rows, np.arange(200)]))
     values = oracle.spectral_values(spectra, oracle.NAMES[1:], targets, problem.margin, problem.errors, 0.3)
@@ -193,7 +193,7 @@ def test_user_terms(terms, sensitivity):
     engine = CompiledEngine(shape, problem, {"mine": OWN_TERM}, sensitivity)
     found = engine.loss_jacobian(theta)
     leaf = torch.from_numpy(theta.copy()).requires_grad_()
-    states = oracle.rollout(shape, leaf, TSIT5, engine.steps, problem.initial_state, problem.data.times)
+    states = oracle.rollout(shape, leaf, TSIT5, engine.steps, problem.data.initial_state, problem.data.times)
     spectra = torch.linalg.eigvals(oracle.jacobians(shape, leaf, states))
     value = (states**3).sum() + (spectra.real**2 * spectra.imag**2 + spectra.real).sum() + leaf.sin().sum()
     (gradient,) = torch.autograd.grad(value, leaf)
@@ -257,7 +257,7 @@ def test_evaluate():
     np.testing.assert_array_equal(found.trajectory, wanted.trajectory)
     np.testing.assert_array_equal(found.spectra, wanted.spectra)
     assert (found.n_accepted, found.n_rejected) == (wanted.n_accepted, wanted.n_rejected)
-    np.testing.assert_array_equal(found.dense[0], problem.initial_state)
+    np.testing.assert_array_equal(found.dense[0], problem.data.initial_state)
     data = engine.evaluate(theta, problem.data.times).dense
     np.testing.assert_array_equal(data, found.trajectory)
 
@@ -267,17 +267,17 @@ def test_the_initial_state_is_known_however_the_solve_ends(steps):
     shape = oracle.make_shape(2)
     problem = oracle.make_problem(2, solver=oracle.adaptive(max_steps=steps))
     found = CompiledEngine(shape, problem).evaluate(oracle.make_theta(shape), np.array([0.0, 0.0, 0.5])).dense
-    np.testing.assert_array_equal(found[:2], [problem.initial_state] * 2)
+    np.testing.assert_array_equal(found[:2], [problem.data.initial_state] * 2)
     assert np.isfinite(found[2]).all() == (steps > 0)
     alone = CompiledEngine(shape, problem).evaluate(oracle.make_theta(shape), np.array([0.0])).dense
-    np.testing.assert_array_equal(alone, [problem.initial_state])
+    np.testing.assert_array_equal(alone, [problem.data.initial_state])
 
 
 def test_a_jacobian_that_overflows_behind_the_last_state_is_not_seen():
     """A block has whole cache lines of states; those behind the last one lie at the origin."""
     shape = MlpShape((1, 1, 1, 1), "relu", "full", np.ones(1), np.ones(1))
     problem = oracle.make_problem(1, terms=("stb",), solved=False)
-    problem = replace(problem, data=replace(problem.data, states=1.0 + problem.data.states**2))
+    problem = replace(problem, states=1.0 + problem.states**2)
     found = CompiledEngine(shape, problem).loss_jacobian(np.array([-1e160, 1e10, 1e160, 0.0, 1.0, 0.0]))
     np.testing.assert_array_equal(found.gradients, 0.0)
 
@@ -305,8 +305,9 @@ def test_fixed_steps_have_no_sliver():
 def test_a_single_data_time():
     shape = oracle.make_shape(2)
     problem = oracle.make_problem(2, count=2)
-    data = oracle.Data(problem.data.times[:1], problem.data.states[:1], problem.data.mask[:1])
-    problem = oracle.replace(problem, data=data, targets=problem.targets.rows(np.array([0])))
+    problem = oracle.replace(
+        problem, data=problem.data.leading(1), states=problem.states[:1], targets=problem.targets.rows(np.array([0]))
+    )
     found = CompiledEngine(shape, problem).loss_jacobian(oracle.make_theta(shape))
     assert found.status is Status.OK
     assert found.values[0] == 0.0

@@ -51,7 +51,7 @@ def test_dense_output_is_of_fourth_order(method):
     errors = []
     for h in (0.2, 0.1):
         problem = oracle.make_problem(2, count=3, solver=oracle.adaptive(method), terms=("sol",))
-        data = oracle.Data(np.array([0.0, 0.4 * h, h]), problem.data.states, problem.data.mask)
+        data = oracle.replace(problem.data, times=np.array([0.0, 0.4 * h, h]))
         problem = oracle.replace(problem, data=data)
         tight = oracle.replace(problem, solver=oracle.adaptive(rtol=1e-13, atol=1e-15))
         exact = CompiledEngine(shape, tight).loss_jacobian(theta).trajectory[1]
@@ -67,7 +67,7 @@ def test_first_step_is_that_of_torchdiffeq(size):
     problem = oracle.make_problem(4, horizon=1000.0)
     engine = CompiledEngine(shape, problem)
     engine.loss_jacobian(theta)
-    start = torch.from_numpy(problem.initial_state)
+    start = torch.from_numpy(problem.data.initial_state)
     wanted = _select_initial_step(
         lambda _t, x: oracle.field(shape, torch.from_numpy(theta), x),
         torch.tensor(0.0, dtype=torch.float64),
@@ -87,7 +87,7 @@ def test_first_step_from_rest():
     engine = CompiledEngine(shape, problem)
     found = engine.loss_jacobian(np.zeros(6))
     assert engine.steps[0] == 1e-6
-    np.testing.assert_array_equal(found.trajectory, np.tile(problem.initial_state, (9, 1)))
+    np.testing.assert_array_equal(found.trajectory, np.tile(problem.data.initial_state, (9, 1)))
 
 
 @pytest.mark.parametrize("name", ["oscillator", "sparse_oscillator", "vdp"])

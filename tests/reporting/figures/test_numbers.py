@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from eigenode_cli.data.dataset import Data
+from eigenode_cli.data import Series
 from eigenode_cli.reporting.figures.convergence import convergence_numbers, tenth_of_average
 from eigenode_cli.reporting.figures.eigenvalues import eigenvalue_numbers
 from eigenode_cli.reporting.figures.phase import phase_numbers
@@ -44,7 +44,7 @@ def test_sol_is_shown_even_if_it_does_not_train(runs: dict[str, Run]) -> None:
 )
 def test_tenth_of_average(error: str, expected: float) -> None:
     states = np.array([[1.0, np.nan], [-1.0, np.nan], [1.0, np.nan], [-1.0, np.nan]])
-    data = Data(times=np.arange(4.0), states=states, mask=np.isfinite(states))
+    data = Series(times=np.arange(4.0), values=states, initial_state=np.full(2, np.nan))
     assert tenth_of_average(data, error, 0.05) == pytest.approx(expected, rel=1e-14)
 
 

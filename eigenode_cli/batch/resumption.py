@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eigenode_cli.config.build import build_field
+from eigenode_cli.config.build import build_field, build_method
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.model import flat_parameters
 from eigenode_cli.runs.recorder import LAST, complete_rows, load_last
@@ -35,7 +35,9 @@ def check_saved(config: TrainConfig, folder: Path, columns: str) -> None:
         hidden = getattr(config.network, "hidden", None)
         shown = f"config.network.name={config.network.name}" if hidden is None else f"config.network.hidden={hidden}"
         raise RecordError(f"{RUN}: {shown}: makes {expected} parameters, {LAST} holds {theta.size}")
-    needed = {name: array.shape for name, array in build_optimizer(config.optimizer, expected).state().items()}
+    needed = {
+        name: array.shape for name, array in build_optimizer(build_method(config.optimizer), expected).state().items()
+    }
     if {name: array.shape for name, array in state.items()} != needed:
         raise RecordError(
             f"{RUN}: config.optimizer.name={config.optimizer.name}: needs {', '.join(needed)}, {LAST} holds"
@@ -45,6 +47,8 @@ def check_saved(config: TrainConfig, folder: Path, columns: str) -> None:
 
 
 def _parameters(config: TrainConfig) -> int:
-    """Number of parameters P of the run's field."""
+    """Number of parameters P of the run."""
     state = np.array([config.system.initial_state], dtype=np.float64)
-    return flat_parameters(build_field(config.network, state, state, config.seed)).size
+    known = config.system.initial_known
+    unknown = 0 if known is None else state.size - len(known)
+    return flat_parameters(build_field(config.network, state, state, config.seed)).size + unknown

@@ -4,9 +4,9 @@ import shlex
 import subprocess
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cache, partial
 from importlib.metadata import version
@@ -15,41 +15,30 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import torch
 from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
-from eigenode_cli.config.build import build_field, build_solver, build_system
-from eigenode_cli.config.schema import (
-    CombineConfig,
-    SequentialConfig,
-    StatedTargetConfig,
-    TrainConfig,
-    TruthTargetConfig,
-)
+from eigenode_cli.batch.resumption import check_saved
+from eigenode_cli.config.build import build_method, build_options, combination
+from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.setup import Setup, build
 from eigenode_cli.console import Display, QuietDisplay, display
-from eigenode_cli.data.dataset import Data, Floats, Targets
-from eigenode_cli.data.simulate import reference_solution, sample, stated_targets, truth_targets, with_noise
-from eigenode_cli.engines.base import Engine, unheard
-from eigenode_cli.engines.factory import build_engine
+from eigenode_cli.engines.base import unheard
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.interruption import check
-from eigenode_cli.model import VectorField, flat_parameters, load_flat
+from eigenode_cli.model import load_flat
 from eigenode_cli.runs.atomic import Reserve, WriteError, write_text
 from eigenode_cli.runs.final_outputs import write_eigenvalues, write_solution
 from eigenode_cli.runs.lock import locked
-from eigenode_cli.runs.recorder import Progress, Recorder, load_last, metrics_header, write_data, write_json
-from eigenode_cli.runs.resumption import check_saved
+from eigenode_cli.runs.recorder import Recorder, load_last, metrics_header, write_data, write_json
 from eigenode_cli.runs.runfile import VERSION, resume_command
-from eigenode_cli.systems import System
-from eigenode_cli.terms import NAMES, canonical, split_grads, training_terms
-from eigenode_cli.terms.errors import ERRORS, error_value
-from eigenode_cli.terms.user import TermFailed, load_user_terms
-from eigenode_cli.training.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST
-from eigenode_cli.training.curriculum import build_stages
+from eigenode_cli.terms import NAMES, canonical, split_grads
+from eigenode_cli.terms.errors import error_value
+from eigenode_cli.terms.user import TermFailed
 from eigenode_cli.training.ending import DIVERGED, FAILED, FINISHED, INTERRUPTED, STALLED, Ending
 from eigenode_cli.training.optimizers import build_optimizer
-from eigenode_cli.training.trainer import Stage, Trainer, Unsolvable, summary
+from eigenode_cli.training.progress import Progress
+from eigenode_cli.training.trainer import Trainer, Unsolvable, summary
 
 DENSE = 1000
 """Number of equidistant times of the horizon at which dense_error compares."""
@@ -58,86 +47,6 @@ EXIT = {FINISHED: 0, FAILED: 1, STALLED: 1, DIVERGED: 1, INTERRUPTED: 130}
 """Exit status by the status of the run."""
 
 PACKAGES = ("torch", "torchdiffeq", "numba", "numpy", "scipy", "hydra-core", "omegaconf", "pandas", "matplotlib")
-
-
-@dataclass(frozen=True)
-class Setup:
-    """The parts that a configuration describes, built."""
-
-    config: TrainConfig
-    system: System
-    data: Data
-    problem: Problem
-    field: VectorField
-    engine: Engine
-    stages: tuple[Stage, ...]
-    """What trains at each step; `engine` is that of the records."""
-    names: tuple[str, ...]
-    """All terms that are recorded: the six and the user's own."""
-
-    @property
-    def engines(self) -> set[Engine]:
-        """All of them, each once."""
-        return {self.engine, *(stage.engine for stage in self.stages)}
-
-
-def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup:
-    """Build everything that a run needs, in the order of the data flow.
-
-    Args:
-        config: the checked configuration.
-        announce: called with a line that the user should see.
-
-    Raises:
-        ValueError: something that only shows when it is built: a system without a solution, a term without a function.
-    """
-    torch.set_num_threads(1)  # the matrices are small, and a launcher's setting must not change a result
-    torch.manual_seed(config.seed)
-    system = build_system(config.system)
-    start = np.array(config.system.initial_state, dtype=np.float64)
-    truth = sample(system, start, config.system.horizon, config.system.points, config.system.observed)
-    data = with_noise(truth, config.system.noise, config.seed)
-    terms = canonical(split_grads(config.grads))
-    problem = Problem(
-        data=data,
-        targets=build_targets(config, system, truth),
-        every=config.eigen.every,
-        terms=terms,
-        errors=np.array([ERRORS[getattr(config.error, name)] for name in NAMES], dtype=np.int64),
-        huber_delta=config.error.huber_delta,
-        margin=config.eigen.margin,
-        max_condition=config.eigen.max_condition,
-        jacobian=config.eigen.jacobian,
-        solver=build_solver(config.solver),
-        stabilise=config.trainer.on_unsolvable == "stabilise",
-    )
-    field = build_field(config.network, truth.states, system.dynamics(truth.states), config.seed)
-    user_terms = load_user_terms(config.terms, training_terms(config.grads, config.trainer.pretrain), announce)
-    engine = build_engine(config, field, problem, user_terms, announce)
-    stages = build_stages(config, field, problem, user_terms, engine)
-    return Setup(config, system, data, problem, field, engine, stages, (*NAMES, *user_terms))
-
-
-def build_targets(config: TrainConfig, system: System, truth: Data) -> Targets:
-    """The targets of every spectrum; `truth` is the data before any noise."""
-    states = truth.states[:: config.eigen.every]
-    target = config.target
-    if isinstance(target, StatedTargetConfig):
-        targets = stated_targets(target.frequency, target.damping, states.shape[0])
-    elif isinstance(target, TruthTargetConfig):
-        targets = truth_targets(system, states, target.frequency_factor)
-    else:
-        raise TypeError(f"no targets come from a {type(target).__name__}")
-    if target.stiffness is not None:
-        targets.stiffness[:] = target.stiffness
-    return targets
-
-
-def combination(config: CombineConfig) -> int:
-    """Code of the combination that a configuration names."""
-    if isinstance(config, SequentialConfig) and config.repeat_last_update:
-        return SEQUENTIAL_REPEATING_LAST
-    return COMBINATIONS[config.name]
 
 
 def train(
@@ -232,8 +141,8 @@ def _train(
     """
     config, horizon = setup.config, setup.config.system.horizon
     saved = load_last(folder) if resumed else None
-    theta = flat_parameters(setup.field)
-    optimizer = build_optimizer(config.optimizer, theta.size)
+    theta = setup.theta.copy()
+    optimizer = build_optimizer(build_method(config.optimizer), theta.size)
     progress = Progress()
     if saved is not None:
         progress, theta, state = saved
@@ -241,23 +150,22 @@ def _train(
             array[:] = state[name]
     record["wall_seconds"] = max(record["wall_seconds"], progress.wall_seconds)  # a kill leaves the latter alone
     dense_times = np.linspace(0.0, horizon, DENSE)
-    truth = reference_solution(setup.system, setup.problem.initial_state, dense_times)
-    recorder = Recorder(folder, setup.names, truth[:, 0])
-    write_data(folder, [state.name for state in setup.system.states], setup.data)
+    recorder = Recorder(folder, setup.names, setup.truth.states(dense_times)[:, 0])
+    write_data(folder, setup.dataset)
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
     shown = shown or display(label, progress.step, config.trainer.steps)
     trainer = Trainer(
         engine=setup.engine,
-        stages=setup.stages,
+        phases=setup.phases,
         optimizer=optimizer,
         combination=combination(config.combine),
         terms=setup.problem.terms,
-        config=config.trainer,
+        options=build_options(config),
         recorder=recorder,
         display=shown,
         dense_times=dense_times,
         theta=theta,
-        network=partial(_network_state, setup.field),
+        network=setup.tensors,
         progress=progress,
         zero_sol=_sol_of_zero(setup.problem),
         wall=partial(_elapsed, record["wall_seconds"] - start),
@@ -270,8 +178,8 @@ def _train(
         recorder.close()
         record |= _account(trainer, setup)
     load_flat(setup.field, theta)
-    write_solution(folder, setup.system, setup.engine, theta, setup.data, config.system.horizon)
-    write_eigenvalues(folder, setup.system, setup.field, setup.engine, theta, setup.problem, config.target)
+    write_solution(folder, setup.truth, setup.engine, theta, config.system.horizon)
+    write_eigenvalues(folder, setup.field, setup.engine, theta, setup.problem, setup.target)
     record |= {"final": last, "summary": summary(last, trainer.progress)}
     return trainer.ending
 
@@ -285,7 +193,7 @@ def _sol_of_zero(problem: Problem) -> float:
     if "sol" not in problem.terms:
         return float("nan")
     error = getattr(error_value, "py_func", error_value)  # as Python: to compile it would take longer
-    seen = problem.data.states[problem.data.mask].tolist()
+    seen = problem.data.values[problem.data.mask].tolist()
     return float(np.mean([error(problem.errors[0], problem.huber_delta, value) for value in seen]))
 
 
@@ -300,11 +208,6 @@ def _account(trainer: Trainer, setup: Setup) -> dict[str, Any]:
         "guard_count": progress.guard_count,
         "converged_at": progress.converged_at,
     }
-
-
-def _network_state(field: VectorField, theta: Floats) -> dict[str, torch.Tensor]:
-    load_flat(field, theta)
-    return field.network.state_dict()
 
 
 def _identity(config: TrainConfig) -> dict[str, Any]:
@@ -332,12 +235,12 @@ def _description(setup: Setup) -> dict[str, Any]:
     """What is known of a run once its parts are built."""
     return {
         "engine": setup.engine.name,
-        "parameters": sum(p.numel() for p in setup.field.parameters()),
+        "parameters": setup.theta.size,
         "system": {
             "name": setup.config.system.name,
-            "title": setup.system.title,
-            "states": [asdict(state) for state in setup.system.states],
-            "parameters": [asdict(parameter) for parameter in setup.system.parameters],
+            "title": setup.truth.system.title,
+            "states": [asdict(state) for state in setup.truth.system.states],
+            "parameters": [asdict(parameter) for parameter in setup.truth.system.parameters],
         },
     }
 

@@ -1,0 +1,58 @@
+"""The parameter vector `theta`: named blocks, one behind the other."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import nn
+
+from eigenode_cli.arrays import Floats
+from eigenode_cli.model.vector_field import VectorField
+
+NETWORK, LINEAR, INITIAL_STATE = "network", "linear", "initial_state"
+BLOCKS = (NETWORK, LINEAR, INITIAL_STATE)
+"""Names of the blocks in the order of theta."""
+
+
+def block_slices(field: VectorField, unknown: int) -> dict[str, slice]:
+    """Return where each block that there is stands in theta.
+
+    Args:
+        field: the vector field: blocks `network` and, where it has one, `linear`.
+        unknown: number of unknown entries of initial states: block `initial_state`, those of one trajectory after
+            another.
+    """
+    sizes = {
+        NETWORK: _size(field.network),
+        LINEAR: 0 if field.linear is None else _size(field.linear),
+        INITIAL_STATE: unknown,
+    }
+    slices, start = {}, 0
+    for name, size in sizes.items():
+        if size > 0:
+            slices[name] = slice(start, start + size)
+        start += size
+    return slices
+
+
+def trained_mask(slices: Mapping[str, slice], names: Sequence[str]) -> NDArray[np.bool_]:
+    """Return which parameters `(P,)` the blocks of these names hold.
+
+    Raises:
+        ValueError: a name is none of the blocks that there are.
+    """
+    if absent := [name for name in names if name not in slices]:
+        raise ValueError(f"{', '.join(absent)}: not of the blocks {', '.join(slices)}")
+    mask = np.zeros(max(part.stop for part in slices.values()), dtype=np.bool_)
+    for name in names:
+        mask[slices[name]] = True
+    return mask
+
+
+def _size(module: nn.Module) -> int:
+    return sum(parameter.numel() for parameter in module.parameters())
+
+
+def with_initial_states(theta: Floats, guesses: Sequence[Floats]) -> Floats:
+    """Return the parameters of a vector field with first guesses of unknown initial values behind them."""
+    return np.concatenate([theta, *guesses])
