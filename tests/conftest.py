@@ -84,6 +84,7 @@ class Case:
             "output_scaling": "none",
             "scaling_from": "truth",
             "linear": "none",
+            "output_gain": 1.0,
         }
         states = self.truth.states(np.linspace(0.0, self.horizon, self.points))
         config = MlpConfig(**(options | changes))  # type: ignore[arg-type]

@@ -7,18 +7,18 @@ import numpy as np
 from eigenode_cli.config.build import build_field, build_method
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.model import flat_parameters
-from eigenode_cli.runs.recorder import LAST, complete_rows, load_last
+from eigenode_cli.runs.recorder import LAST, complete_rows, load_last, metrics_header
 from eigenode_cli.runs.runfile import RUN, RecordError
+from eigenode_cli.terms import NAMES
 from eigenode_cli.training.optimizers import build_optimizer
 
 
-def check_saved(config: TrainConfig, folder: Path, columns: str) -> None:
+def check_saved(config: TrainConfig, folder: Path) -> None:
     """Refuse what was saved last of a run where it is damaged, or does not go with the configuration.
 
     Args:
         config: of the run.
         folder: the run's.
-        columns: first line of its metrics.csv.
 
     Raises:
         RecordError: the message names file, key and value.
@@ -35,15 +35,15 @@ def check_saved(config: TrainConfig, folder: Path, columns: str) -> None:
         hidden = getattr(config.network, "hidden", None)
         shown = f"config.network.name={config.network.name}" if hidden is None else f"config.network.hidden={hidden}"
         raise RecordError(f"{RUN}: {shown}: makes {expected} parameters, {LAST} holds {theta.size}")
-    needed = {
-        name: array.shape for name, array in build_optimizer(build_method(config.optimizer), expected).state().items()
-    }
+    optimizer = build_optimizer(build_method(config), expected)
+    needed = {name: array.shape for name, array in optimizer.state().items()}
     if {name: array.shape for name, array in state.items()} != needed:
         raise RecordError(
             f"{RUN}: config.optimizer.name={config.optimizer.name}: needs {', '.join(needed)}, {LAST} holds"
             f" {', '.join(state) or 'nothing'}"
         )
-    complete_rows(folder, columns, progress.step)
+    header = metrics_header((*NAMES, *sorted(config.terms)), tuple(optimizer.records))
+    complete_rows(folder, header, progress.step)
 
 
 def _parameters(config: TrainConfig) -> int:

@@ -30,9 +30,9 @@ from eigenode_cli.model import load_flat
 from eigenode_cli.runs.atomic import Reserve, WriteError, write_text
 from eigenode_cli.runs.final_outputs import write_eigenvalues, write_solution
 from eigenode_cli.runs.lock import locked
-from eigenode_cli.runs.recorder import Recorder, load_last, metrics_header, write_data, write_json
+from eigenode_cli.runs.recorder import Recorder, load_last, write_data, write_json
 from eigenode_cli.runs.runfile import VERSION, resume_command
-from eigenode_cli.terms import NAMES, canonical, split_grads
+from eigenode_cli.terms import canonical, split_grads
 from eigenode_cli.terms.errors import error_value
 from eigenode_cli.terms.user import TermFailed
 from eigenode_cli.training.ending import DIVERGED, FAILED, FINISHED, INTERRUPTED, STALLED, Ending
@@ -77,8 +77,7 @@ def resume(
     """
     with locked(folder):
         identity = _identity(config)
-        names = (*NAMES, *sorted(config.terms))
-        check_saved(config, folder, metrics_header(names))
+        check_saved(config, folder)
         kept = {key: previous.get(key, identity[key]) for key in ("command", "started", "wall_seconds")}
         return _attended(config, folder, identity | kept, resumed=True, quiet=quiet, watch=watch)
 
@@ -142,7 +141,7 @@ def _train(
     config, horizon = setup.config, setup.config.system.horizon
     saved = load_last(folder) if resumed else None
     theta = setup.theta.copy()
-    optimizer = build_optimizer(build_method(config.optimizer), theta.size)
+    optimizer = build_optimizer(build_method(config), theta.size, setup.blocks["network"].stop)
     progress = Progress()
     if saved is not None:
         progress, theta, state = saved
@@ -150,7 +149,7 @@ def _train(
             array[:] = state[name]
     record["wall_seconds"] = max(record["wall_seconds"], progress.wall_seconds)  # a kill leaves the latter alone
     dense_times = np.linspace(0.0, horizon, DENSE)
-    recorder = Recorder(folder, setup.names, setup.truth.states(dense_times)[:, 0])
+    recorder = Recorder(folder, setup.names, setup.truth.states(dense_times)[:, 0], tuple(optimizer.records))
     write_data(folder, setup.dataset)
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
     shown = shown or display(label, progress.step, config.trainer.steps)

@@ -89,7 +89,7 @@ def trainer_for(
     trainer = Trainer(
         engine=engine,
         phases=[Phase(0, engine, np.array([scales[term] for term in case.problem.terms]))],
-        optimizer=Optimizer(build_method(config.optimizer), theta.size),
+        optimizer=Optimizer(build_method(config), theta.size),
         combination=COMBINATIONS[config.combine.name],
         terms=case.problem.terms,
         options=build_options(config),

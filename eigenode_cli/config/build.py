@@ -13,8 +13,8 @@ from eigenode_cli.config.schema import (
     AdaptiveSolverConfig,
     CombineConfig,
     FixedSolverConfig,
+    LeastSquaresConfig,
     NetworkConfig,
-    OptimizerConfig,
     SequentialConfig,
     SgdConfig,
     SolverConfig,
@@ -82,13 +82,22 @@ def build_solver(config: SolverConfig) -> Solver:
     return FixedStepSolver(config.name, cast(FixedSolverConfig, config).step)
 
 
-def build_method(config: OptimizerConfig) -> "Method":
+def build_method(config: TrainConfig) -> "Method":
     """Build the optimizer's method."""
-    from eigenode_cli.training.optimizers import Adam, AdamBfgs, Sgd  # noqa: PLC0415  # Numba
+    from eigenode_cli.training.optimizers import Adam, AdamBfgs, LevenbergMarquardt, Sgd  # noqa: PLC0415  # Numba
 
-    kinds = ((AdamBfgsConfig, AdamBfgs), (AdamConfig, Adam), (SgdConfig, Sgd))
-    method = next(method for schema, method in kinds if isinstance(config, schema))
-    return method(**{entry.name: getattr(config, entry.name) for entry in fields(method)})
+    optimizer = config.optimizer
+    kinds = (
+        (AdamBfgsConfig, AdamBfgs),
+        (LeastSquaresConfig, LevenbergMarquardt),
+        (AdamConfig, Adam),
+        (SgdConfig, Sgd),
+    )
+    method = next(method for schema, method in kinds if isinstance(optimizer, schema))
+    options = {entry.name: getattr(optimizer, entry.name) for entry in fields(method) if hasattr(optimizer, entry.name)}
+    if method is LevenbergMarquardt and config.error.sol == "huber":
+        options["huber"] = config.error.huber_delta
+    return method(**options)
 
 
 def build_stages(config: TrainConfig) -> tuple["Stage", ...]:
@@ -141,7 +150,9 @@ def gradient_scales(config: TrainConfig) -> dict[str, float]:
     return scales
 
 
-def build_field(config: NetworkConfig, states: Floats, rates: Floats, seed: int) -> "VectorField":
+def build_field(
+    config: NetworkConfig, states: Floats, rates: Floats, seed: int, linear: Floats | None = None
+) -> "VectorField":
     """Build the vector field, its network's initial weights drawn from `seed`.
 
     Args:
@@ -149,10 +160,11 @@ def build_field(config: NetworkConfig, states: Floats, rates: Floats, seed: int)
         states: states `(N, n)` that the scale of the inputs is taken from.
         rates: their derivatives `(N, n)`, for the scale of the outputs.
         seed: of the initial weights; nothing else enters the draw, so that runs of one seed are paired.
+        linear: initial value of the linear part `(m, n)`, zero where None.
     """
     import torch  # noqa: PLC0415  # seconds, and a command line is checked without it
 
-    from eigenode_cli.model import VectorField  # noqa: PLC0415
+    from eigenode_cli.model import VectorField, scale_output  # noqa: PLC0415
 
     n = states.shape[1]
     outputs = n // 2 if config.structure == "second_order" else n
@@ -170,8 +182,10 @@ def build_field(config: NetworkConfig, states: Floats, rates: Floats, seed: int)
                 options[scale] = None
     generator = torch.Generator().manual_seed(seed)
     network = load_class(config.target)(inputs=n, outputs=outputs, generator=generator, **options)
-    linear = None if config.linear == "none" else torch.zeros((outputs, n), dtype=torch.float64)
-    return VectorField(network, config.structure, linear)
+    if config.output_gain != 1.0:
+        scale_output(network, config.output_gain)
+    matrix = torch.zeros((outputs, n), dtype=torch.float64) if linear is None else torch.from_numpy(linear)
+    return VectorField(network, config.structure, None if config.linear == "none" else matrix)
 
 
 def _largest(samples: Floats) -> Floats:

@@ -67,7 +67,10 @@ class NetworkConfig:
     structure: str = option(choices=names.STRUCTURES)
     """How the network's output becomes dx/dt: second_order | full."""
     linear: str = option(choices=names.LINEARS)
-    """A learned linear part beside the network, and its initial value: none (there is none) | zero."""
+    """A learned linear part beside the network, and its initial value: none (there is none) | zero | fitted (to the
+    measurements, by linear least squares) | modes (a system with the pairs of the target)."""
+    output_gain: float = option(at_least=0)
+    """Factor of the initial output of the network: small, and the field starts as its linear part."""
 
 
 @dataclass
@@ -154,6 +157,21 @@ class AdamBfgsConfig(AdamConfig):
     adam_steps: int = option(at_least=0)
     """Leading training steps that Adam takes, with the updates of `combine`; BFGS takes all others, on the sum of the
     scaled terms, whatever `combine` is."""
+
+
+@dataclass
+class LeastSquaresConfig(AdamConfig):
+    """Levenberg-Marquardt on the residuals of all terms; Adam's update only where the solve fails.
+
+    Scales are relative to the natural unit of each term (the size of the data, of the target), whatever `combine` is.
+    """
+
+    damping: float = option(above=0)
+    """First damping of each horizon, in units of the mean of the diagonal of J^T J."""
+    tolerance: float = option(at_least=0, below=1)
+    """A horizon has converged where a step lowers the sum of squares by less than this share."""
+    ridge: float = option(at_least=0)
+    """Factor of the squared parameters of the network, added to the sum of squares."""
 
 
 @dataclass
@@ -323,7 +341,7 @@ SCHEMAS: Mapping[str, Mapping[str, type]] = {
     "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig},
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
     "solver": {**dict.fromkeys(ADAPTIVE, AdaptiveSolverConfig), **dict.fromkeys(FIXED, FixedSolverConfig)},
-    "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "sgd": SgdConfig},
+    "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "lm": LeastSquaresConfig, "sgd": SgdConfig},
     "combine": {"sequential": SequentialConfig, **dict.fromkeys(("sum", "mean", "switch", "mix"), CombineConfig)},
     "engine": {"auto": EngineConfig, "torch": EngineConfig, "compiled": CompiledEngineConfig},
     "target": {"truth": TruthTargetConfig, "stated": StatedTargetConfig},

@@ -17,15 +17,17 @@ from eigenode_cli.config.build import (
     gradient_scales,
 )
 from eigenode_cli.config.names import training_terms
-from eigenode_cli.config.schema import CompiledEngineConfig, TrainConfig
+from eigenode_cli.config.schema import CompiledEngineConfig, LeastSquaresConfig, TrainConfig
 from eigenode_cli.data import Dataset, Estimate, Series, Target, Truth, reconstruct
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_initial_states
+from eigenode_cli.model.modes import fitted_matrix, modal_matrix, stated_pairs
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.user import UserTerm, load_user_terms
+from eigenode_cli.training.least_squares import term_units
 from eigenode_cli.training.stages import build_phases
 from eigenode_cli.training.trainer import Phase
 
@@ -100,7 +102,8 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     estimate = reconstruct(series, config.network.structure)
     target = build_target(config.target, truth)
     problem = build_problem(config, series, estimate, target)
-    field = build_field(config.network, *scaling_samples(config, truth, series, estimate), config.seed)
+    samples = scaling_samples(config, truth, series, estimate)
+    field = build_field(config.network, *samples, config.seed, initial_linear(config, problem, estimate))
     guess = np.nan_to_num(estimate.states[0])[series.unknown]
     user_terms = load_user_terms(config.terms, training_terms(config), announce)
     engine = engine_of(config, field, problem, user_terms, announce)
@@ -110,6 +113,8 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
 
     blocks = block_slices(field, series.unknown.size)
     stages, scales = build_stages(config), gradient_scales(config)
+    if isinstance(config.optimizer, LeastSquaresConfig):
+        scales = {name: scale / term_units(problem).get(name, 1.0) for name, scale in scales.items()}
     phases = build_phases(stages, config.trainer.steps, problem, scales, stage_engine, blocks)
     theta = with_initial_states(flat_parameters(field), [guess])
     return Setup(config, truth, dataset, target, problem, field, theta, engine, phases, (*NAMES, *user_terms))
@@ -132,6 +137,16 @@ def build_problem(config: TrainConfig, series: Series, estimate: Estimate, targe
         solver=build_solver(config.solver),
         stabilise=config.trainer.on_unsolvable == "stabilise",
     )
+
+
+def initial_linear(config: TrainConfig, problem: Problem, estimate: Estimate) -> Floats | None:
+    """Return the initial value of the linear part that `network.linear` names, None for zero or for no linear part."""
+    structure = config.network.structure
+    if config.network.linear == "fitted":
+        return fitted_matrix(estimate, structure)
+    if config.network.linear == "modes":
+        return modal_matrix(stated_pairs(problem.targets), estimate, structure)
+    return None
 
 
 def scaling_samples(config: TrainConfig, truth: Truth, series: Series, estimate: Estimate) -> tuple[Floats, Floats]:

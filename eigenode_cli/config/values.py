@@ -251,6 +251,23 @@ def _stages(config: DictConfig) -> Iterator[str]:
         yield f"trainer.steps={steps}: the stages take {named} of them; leave out the steps of one, which has the rest"
 
 
+def _optimizer(config: DictConfig) -> Iterator[str]:
+    """Least squares has residuals to work with."""
+    if config.optimizer.name != "lm":
+        return
+    for word in training_terms(config):
+        allowed = ("mse", "huber") if word == "sol" else ("mse",)
+        if word not in NAMES:
+            yield f"optimizer=lm: {word} is a term of your own, which has no residuals; train it with optimizer=adam"
+        elif config.error[word] not in allowed:
+            yield f"error.{word}={config.error[word]}: optimizer=lm needs squares; write error.{word}=mse"
+    for number, stage in enumerate(config.stages):
+        if not stage.solve:
+            yield f"stages.{number}.solve=false: optimizer=lm takes its residuals along a solution"
+        if stage.spectra == "data":
+            yield f"stages.{number}.spectra=data: optimizer=lm takes its spectra along the trajectory"
+
+
 def _blocks(config: DictConfig) -> list[str]:
     """Names of the blocks of parameters that the run has."""
     known = config.system.initial_known
@@ -300,6 +317,7 @@ CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (
     _network,
     _eigen,
     _stages,
+    _optimizer,
     _engine,
     _target,
     _own_terms,

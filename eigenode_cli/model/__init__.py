@@ -16,6 +16,20 @@ def flat_parameters(module: nn.Module) -> Floats:
     return torch.nn.utils.parameters_to_vector(module.parameters()).detach().numpy().copy()
 
 
+def scale_output(network: nn.Module, gain: float) -> None:
+    """Multiply the last parameters of a network that is linear in them, weight and bias, by a factor.
+
+    Raises:
+        ValueError: it has no parameters.
+    """
+    layers = [module for module in network.modules() if next(module.parameters(recurse=False), None) is not None]
+    if not layers:
+        raise ValueError("the network has no parameters")
+    with torch.no_grad():
+        for parameter in layers[-1].parameters(recurse=False):
+            parameter.mul_(gain)
+
+
 def load_flat(module: nn.Module, theta: Floats) -> None:
     """Write the leading entries of the vector `theta (P,)`, as many as the module has, into its parameters."""
     torch.nn.utils.vector_to_parameters(torch.from_numpy(np.array(theta, dtype=np.float64)), module.parameters())
@@ -29,6 +43,7 @@ __all__ = [
     "block_slices",
     "flat_parameters",
     "load_flat",
+    "scale_output",
     "trained_mask",
     "with_initial_states",
 ]

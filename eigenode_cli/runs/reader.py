@@ -26,6 +26,8 @@ from eigenode_cli.training.ending import STATUSES
 Bools = NDArray[np.bool_]
 
 SOLVE_STATUSES = tuple(status.label for status in Status)
+MONITORED = ("damping", "gain_ratio", "gradient_norm")
+"""Columns of metrics.csv that a least-squares optimizer adds."""
 METRIC_COLUMNS = (
     "step",
     "train_seconds",
@@ -273,7 +275,7 @@ class _Table:
 
 def _read_metrics(folder: Path, status: str) -> Metrics:
     table = _Table(folder, "metrics.csv", status, growing=True)
-    own = [column for column in table.header if column not in METRIC_COLUMNS]
+    own = [column for column in table.header if column not in (*METRIC_COLUMNS, *MONITORED)]
     return Metrics(
         step=table.full("step"),
         terms={name: table.numbers(name) for name in (*NAMES, *own)},

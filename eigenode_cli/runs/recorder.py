@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
@@ -36,9 +36,11 @@ class Recorder:
         folder: the run's folder.
         names: all terms in the order of `Evaluation.values`.
         truth: the truth's first state at the dense times `(D,)`.
+        monitored: columns that the optimizer adds.
     """
 
-    def __init__(self, folder: Path, names: Sequence[str], truth: Floats) -> None:
+    def __init__(self, folder: Path, names: Sequence[str], truth: Floats, monitored: Sequence[str] = ()) -> None:
+        self._monitored = tuple(monitored)
         self.folder = folder
         self.names = tuple(names)
         self._truth = truth
@@ -52,7 +54,7 @@ class Recorder:
 
     def open(self, resume_from: int | None) -> None:
         """Start metrics.csv, or cut it behind the step that the training is resumed from and go on there."""
-        header = metrics_header(self.names)
+        header = metrics_header(self.names, self._monitored)
         lines = [header, *([] if resume_from is None else complete_rows(self.folder, header, resume_from))]
         write_text(self._metrics, "\n".join(lines) + "\n")
         with writing(self._metrics):
@@ -65,8 +67,10 @@ class Recorder:
                 self._file.close()
             self._file = None
 
-    def record(self, progress: Progress, lr: float, evaluation: Evaluation) -> dict[str, Any]:
-        """Append one row to metrics.csv and return it."""
+    def record(
+        self, progress: Progress, lr: float, evaluation: Evaluation, monitored: Mapping[str, float] | None = None
+    ) -> dict[str, Any]:
+        """Append one row to metrics.csv and return it; `monitored` is what the optimizer tells of itself."""
         losses = dict(zip(self.names, (float(value) for value in evaluation.values), strict=True))
         real = evaluation.spectra.real
         row: dict[str, Any] = {
@@ -79,6 +83,7 @@ class Recorder:
             "n_rejected": evaluation.n_rejected,
             "status": evaluation.status.label,
             "dense_error": float(np.mean(np.abs(evaluation.dense[:, 0] - self._truth))),
+            **{name: (monitored or {})[name] for name in self._monitored},
             **{name: losses[name] for name in self.names if name not in NAMES},
         }
         if self._file is None:
@@ -110,9 +115,9 @@ class Recorder:
         write_json(self._checkpoints / "last.json", state)
 
 
-def metrics_header(names: Sequence[str]) -> str:
-    """First line of metrics.csv; `names` are all terms."""
-    return ",".join([*COLUMNS, *(name for name in names if name not in NAMES)])
+def metrics_header(names: Sequence[str], monitored: Sequence[str] = ()) -> str:
+    """Return the first line of metrics.csv; `names` are all terms, `monitored` columns that the optimizer adds."""
+    return ",".join([*COLUMNS, *monitored, *(name for name in names if name not in NAMES)])
 
 
 def complete_rows(folder: Path, header: str, before: int) -> list[str]:

@@ -4,16 +4,21 @@ Their updates are compiled (`engines.first_order`), so that the compiled engine 
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eigenode_cli.arrays import Floats
+from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.first_order import ADAM, SGD, take_update
-from eigenode_cli.engines.update import Update
+from eigenode_cli.engines.update import Update, learn
 from eigenode_cli.training.bfgs import Bfgs
+from eigenode_cli.training.least_squares import Iteration, LeastSquares
+from eigenode_cli.training.total_loss import Objective
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,24 @@ class AdamBfgs(Adam):
     adam_steps: int = 1000
 
 
+@dataclass(frozen=True)
+class LevenbergMarquardt(Adam):
+    """Levenberg-Marquardt on the residuals of all terms; Adam's update only where the solve fails.
+
+    Attributes:
+        damping: the first one of each phase, in units of the mean of the diagonal of `J^T J`.
+        tolerance: a phase has converged where a step lowers the sum of squares by less than this share.
+        ridge: factor of the squared parameters of the network, added to the sum of squares.
+        huber: residuals of SOL beyond this size count linearly; infinite for plain squares.
+    """
+
+    lr: float = 1e-2
+    damping: float = 1e-3
+    tolerance: float = 1e-4
+    ridge: float = 0.0
+    huber: float = math.inf
+
+
 class Optimizer:
     """Turns one update after another into new parameters.
 
@@ -107,17 +130,52 @@ class Optimizer:
         """Return everything that the next update depends on, by name; the arrays themselves, not copies."""
         return self._state
 
+    @property
+    def records(self) -> dict[str, float]:
+        """What is recorded of it besides the learning rate, by column."""
+        return {}
 
-class AdamBfgsOptimizer(Optimizer):
+
+class SearchOptimizer(Optimizer, ABC):
+    """Optimizes a function as a whole, one iteration at a call; Adam's update leads out of where it has no value."""
+
+    label: str
+    """Name in messages."""
+
+    @abstractmethod
+    def searches(self, step: int) -> bool:
+        """Whether training step `step` is an iteration on the whole function."""
+
+    @abstractmethod
+    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None) -> Objective | LeastSquares:
+        """Return the function of a phase."""
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Forget what was learned of the function: another one comes."""
+
+    @abstractmethod
+    def search(self, theta: Floats, objective: Any, update: Update, step: int) -> None:
+        """Take one iteration from `theta (P,)`, changed in place; `update` is Adam's."""
+
+    def lr(self, step: int) -> float:
+        """Return the learning rate of Adam; NaN where it does not take the step."""
+        return math.nan if self.searches(step) else self.adam_lr(step)
+
+    def adam_lr(self, step: int) -> float:
+        """Return the learning rate of Adam at any step."""
+        return super().lr(step)
+
+
+class AdamBfgsOptimizer(SearchOptimizer):
     """Adam first, then BFGS: the first passes jumps and kinks of the terms, the second converges.
-
-    The trainer hands BFGS whole functions (`Bfgs.step`). Adam's update is there at any time: it also leads out of where
-    the function has no value.
 
     Attributes:
         switch: number of the first training step of BFGS.
         bfgs: the second part.
     """
+
+    label = "BFGS"
 
     def __init__(self, method: AdamBfgs, parameters: int) -> None:
         super().__init__(method, parameters)
@@ -125,18 +183,86 @@ class AdamBfgsOptimizer(Optimizer):
         self.bfgs = Bfgs(parameters)
         self._state |= self.bfgs.state()
 
-    def lr(self, step: int) -> float:
-        """Learning rate of Adam; NaN at the steps of BFGS, which has none."""
-        return math.nan if step >= self.switch else self.adam_lr(step)
+    def searches(self, step: int) -> bool:
+        """See `SearchOptimizer.searches`."""
+        return step >= self.switch
 
-    def adam_lr(self, step: int) -> float:
-        """Learning rate of Adam at any step."""
-        return super().lr(step)
+    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None) -> Objective:
+        """See `SearchOptimizer.objective`."""
+        return Objective(engine, scales, trained)
+
+    def restart(self) -> None:
+        """See `SearchOptimizer.restart`."""
+        self.bfgs.restart()
+
+    def search(self, theta: Floats, objective: Objective, update: Update, step: int) -> None:
+        """See `SearchOptimizer.search`."""
+        here = objective.at(theta)
+        if math.isfinite(here.value):
+            self.bfgs.step(theta, here, objective.at)
+        else:
+            self.restart()
+            learn(update, theta, here.jacobian.gradients, self.adam_lr(step))
 
 
-def build_optimizer(method: Method, parameters: int) -> Optimizer:
-    """Return the optimizer of a method for a vector of `parameters`."""
-    return AdamBfgsOptimizer(method, parameters) if isinstance(method, AdamBfgs) else Optimizer(method, parameters)
+class LeastSquaresOptimizer(SearchOptimizer):
+    """Levenberg-Marquardt from the first step on.
+
+    Args:
+        method: its constants.
+        parameters: P.
+        network: how many of them, the leading ones, are the network's.
+    """
+
+    label = "Levenberg-Marquardt"
+
+    def __init__(self, method: LevenbergMarquardt, parameters: int, network: int) -> None:
+        super().__init__(method, parameters)
+        self._constants = method
+        self._penalised = np.arange(parameters) < network
+        self.iteration = Iteration(method.damping, method.tolerance)
+        self._state |= {"iteration": self.iteration.memory}
+
+    @property
+    def records(self) -> dict[str, float]:
+        """See `Optimizer.records`."""
+        return self.iteration.records
+
+    def searches(self, step: int) -> bool:
+        """See `SearchOptimizer.searches`."""
+        return step >= 0
+
+    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None) -> LeastSquares:
+        """See `SearchOptimizer.objective`."""
+        return LeastSquares(engine, scales, trained, self._constants.huber, self._constants.ridge, self._penalised)
+
+    def restart(self) -> None:
+        """See `SearchOptimizer.restart`."""
+        self.iteration.restart()
+
+    def search(self, theta: Floats, objective: LeastSquares, update: Update, step: int) -> None:
+        """See `SearchOptimizer.search`."""
+        here = objective.at(theta)
+        if math.isfinite(here.value):
+            self.iteration.step(theta, here, objective.value)
+        else:
+            self.restart()
+            learn(update, theta, objective.engine.loss_jacobian(theta).gradients, self.adam_lr(step))
+
+
+def build_optimizer(method: Method, parameters: int, network: int | None = None) -> Optimizer:
+    """Return the optimizer of a method.
+
+    Args:
+        method: with its constants.
+        parameters: P.
+        network: how many of them, the leading ones, are the network's; None for all.
+    """
+    if isinstance(method, AdamBfgs):
+        return AdamBfgsOptimizer(method, parameters)
+    if isinstance(method, LevenbergMarquardt):
+        return LeastSquaresOptimizer(method, parameters, parameters if network is None else network)
+    return Optimizer(method, parameters)
 
 
 def build_update(

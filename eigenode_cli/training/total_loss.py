@@ -18,6 +18,21 @@ class Evaluated(Point):
 
     jacobian: LossJacobian
 
+    @property
+    def status(self) -> Status:
+        """How the solve ended."""
+        return self.jacobian.status
+
+    @property
+    def values(self) -> Floats:
+        """Of the named terms `(L,)`."""
+        return self.jacobian.values
+
+    @property
+    def guard_count(self) -> int:
+        """Eigenvalue sensitivities that the condition guard bounded."""
+        return self.jacobian.guard_count
+
 
 class Objective:
     """Sum of the scaled terms; infinite where the solve fails or a term has no finite value and gradient.

@@ -1,7 +1,7 @@
 """The training loop: loss Jacobian, combination, optimizer, record. It knows neither systems nor files."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from eigenode_cli.arrays import Floats
 from eigenode_cli.console import Display, duration
 from eigenode_cli.engines.base import Engine, Evaluation
-from eigenode_cli.engines.update import Update, learn
+from eigenode_cli.engines.update import Update
 from eigenode_cli.interruption import check
 from eigenode_cli.solve.status import SOLVED, Status
 from eigenode_cli.training.ending import DIVERGED, RUNNING, SMALLER, STALLED, Ending, judge
-from eigenode_cli.training.optimizers import AdamBfgsOptimizer, Optimizer, build_update
+from eigenode_cli.training.least_squares import LeastSquares
+from eigenode_cli.training.optimizers import AdamBfgsOptimizer, Optimizer, SearchOptimizer, build_update
 from eigenode_cli.training.progress import Progress, Snapshot
 from eigenode_cli.training.total_loss import Objective, stationary
 
@@ -34,8 +35,10 @@ SMOOTHER = "a smaller solver.rtol makes the terms smoother, optimizer=adam needs
 class Recorder(Protocol):
     """What keeps the records of a training; `runs.recorder` writes them into files."""
 
-    def record(self, progress: Progress, lr: float, evaluation: Evaluation) -> dict[str, Any]:
-        """Keep one record and return it."""
+    def record(
+        self, progress: Progress, lr: float, evaluation: Evaluation, monitored: Mapping[str, float]
+    ) -> dict[str, Any]:
+        """Keep one record and return it; `monitored` is what the optimizer tells of itself."""
         ...
 
     def checkpoint(self, step: int, network: dict[str, Any]) -> Path:
@@ -123,7 +126,7 @@ class Trainer:
     wall: Callable[[], float] = perf_counter
     ending: Ending = field(default=Ending(RUNNING), init=False)
     _updates: list[Update] = field(init=False)
-    _objective: Objective | None = field(default=None, init=False)
+    _objective: Objective | LeastSquares | None = field(default=None, init=False)
     _committed: Snapshot = field(init=False)
     _solvable: Snapshot | None = field(default=None, init=False)
     """The last committed state whose solve did not fail."""
@@ -195,8 +198,8 @@ class Trainer:
     def _take_steps(self, start: int, event: int) -> None:
         """Training steps from `start` on, not beyond `event`; they change the working state, not the committed one."""
         number, searching = self._part(start)
-        if searching and isinstance(self.optimizer, AdamBfgsOptimizer):
-            first = self._descend(number, self.optimizer)
+        if searching and isinstance(self.optimizer, SearchOptimizer):
+            first = self._search(number, self.optimizer)
         else:
             first = self._learn(number, start, event)
         if first in SOLVED:
@@ -223,25 +226,21 @@ class Trainer:
             self.progress.step += 1
         return first
 
-    def _descend(self, number: int, optimizer: AdamBfgsOptimizer) -> Status:
-        """One iteration of BFGS on the sum of a stage's terms; where a solve fails, Adam's update of the rest."""
+    def _search(self, number: int, optimizer: SearchOptimizer) -> Status:
+        """One iteration on the whole function of a phase; returns how the solve where it started ended."""
         phase, step = self.phases[number], self.progress.step
         if step > 0 and self._phase(step - 1) != number:
-            optimizer.bfgs.restart()
+            optimizer.restart()
         if self._objective is None or self._objective.engine is not phase.engine:
-            self._objective = Objective(phase.engine, phase.scales, phase.trained)
+            self._objective = optimizer.objective(phase.engine, phase.scales, phase.trained)
         start = perf_counter() - phase.engine.compile_seconds
         here = self._objective.at(self.theta)
-        self._note_status(here.jacobian.status, here.jacobian.values)
-        if math.isfinite(here.value):
-            optimizer.bfgs.step(self.theta, here, self._objective.at)
-        else:
-            optimizer.bfgs.restart()
-            learn(self._updates[number], self.theta, here.jacobian.gradients, optimizer.adam_lr(step))
+        self._note_status(here.status, here.values)
+        optimizer.search(self.theta, self._objective, self._updates[number], step)
         self.progress.step += 1
-        self._count_guards(here.jacobian.guard_count, 1)
+        self._count_guards(here.guard_count, 1)
         self.progress.train_seconds += perf_counter() - phase.engine.compile_seconds - start
-        return here.jacobian.status
+        return here.status
 
     def _count_guards(self, fired: int, steps: int) -> None:
         self.progress.guard_count += fired
@@ -270,7 +269,13 @@ class Trainer:
             self.progress.converged_at = since
             self.display.say(f"step {since}: converged, nothing changes from here on")
         else:
-            self._end(STALLED, f"from step {since} on BFGS finds no lower point, though there is a slope; {SMOOTHER}")
+            self._end(
+                STALLED, f"from step {since} on {self._label} finds no lower point, though there is a slope; {SMOOTHER}"
+            )
+
+    @property
+    def _label(self) -> str:
+        return self.optimizer.label if isinstance(self.optimizer, SearchOptimizer) else "the optimizer"
 
     def _size(self, phase: Phase) -> float:
         """Scaled SOL of a model that stays at zero, which is how large the data are; 0 where SOL does not train."""
@@ -305,8 +310,8 @@ class Trainer:
         self.progress, self._objective = self._committed.progress, None
 
     def _part(self, step: int) -> tuple[int, bool]:
-        """Number of the phase that a step belongs to, and whether BFGS takes it."""
-        return self._phase(step), step >= self._switch
+        """Number of the phase that a step belongs to, and whether it is an iteration on the whole function."""
+        return self._phase(step), isinstance(self.optimizer, SearchOptimizer) and self.optimizer.searches(step)
 
     @property
     def _switch(self) -> int:
@@ -353,7 +358,10 @@ class Trainer:
 
     def _record(self) -> dict[str, Any]:
         row = self.recorder.record(
-            self.progress, self.optimizer.lr(self.progress.step), self.engine.evaluate(self.theta, self.dense_times)
+            self.progress,
+            self.optimizer.lr(self.progress.step),
+            self.engine.evaluate(self.theta, self.dense_times),
+            self.optimizer.records,
         )
         done = self.progress.step
         if done == 0 and row["status"] == Status.OK.label:

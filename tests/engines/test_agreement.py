@@ -85,6 +85,7 @@ def many_states(n: int, hidden: list[int]) -> tuple[VectorField, Problem]:
         input_scaling="max_abs",
         output_scaling="none",
         linear="none",
+        output_gain=1.0,
         scaling_from="data",
     )
     return build_field(config, states, states, seed=n), problem

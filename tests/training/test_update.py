@@ -111,9 +111,7 @@ def test_the_authors_protocol_repeats_the_last_step(engine: str, name: str, grad
     setup = build(config, lambda message: None)
     stage, theta = setup.phases[0], flat_parameters(setup.field)
     theirs = TwiceTheLastStep(theta, PEERS[name][1])
-    update = build_update(
-        combination(config.combine), stage.scales, build_optimizer(build_method(config.optimizer), theta.size)
-    )
+    update = build_update(combination(config.combine), stage.scales, build_optimizer(build_method(config), theta.size))
     for _ in range(3):
         theirs.take(stage.scales[:, None] * stage.engine.loss_jacobian(theirs.theta.copy()).gradients)
         stage.engine.advance(theta, update, np.array([1e-3]), False)

@@ -1,0 +1,241 @@
+"""The scaled terms of one engine as a sum of squares, and Levenberg-Marquardt on it, one step at a call.
+
+SciPy's `least_squares` was tried and does not fit: it cannot stop and go on with the same bytes, and its scaling of
+the damping by columns fails on these networks, whose columns differ by orders of magnitude and are nearly dependent.
+One damping for all parameters works.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from eigenode_cli.arrays import Floats
+from eigenode_cli.engines.base import Engine, ResidualJacobian
+from eigenode_cli.engines.problem import Problem
+from eigenode_cli.solve.status import Status
+
+TRIALS = 12
+"""Points that one step may try."""
+LARGEST = 1e16
+"""Damping from which on no lower point is to be found."""
+DECADES = 3.0
+"""An accepted step divides the damping by at most so much."""
+
+
+@dataclass(frozen=True)
+class Squares:
+    """The sum of squares at some parameters.
+
+    Attributes:
+        value: infinite where the solve fails.
+        gradient: half of its gradient, `J^T r (P,)`; zero for parameters that are held.
+        normal: `J^T J (P, P)`.
+        status: how the solve ended.
+        values: of the named terms `(L,)`.
+        guard_count: 0: no guard is counted in residuals.
+    """
+
+    value: float
+    gradient: Floats
+    normal: Floats
+    status: Status
+    values: Floats
+    guard_count: int = 0
+
+
+class LeastSquares:
+    """Sum over the terms of scale times mean square residual, plus a ridge on a block of parameters.
+
+    Args:
+        engine: gives the residual Jacobian.
+        scales: factor of each named term `(L,)`.
+        trained: which parameters it is a function of `(P,)`, None for all.
+        huber: residuals of SOL beyond this size count linearly, by reweighting; infinite for plain squares.
+        ridge: factor of the squared parameters `penalised`.
+        penalised: which parameters the ridge holds small `(P,)`.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        scales: Floats,
+        trained: NDArray[np.bool_] | None = None,
+        huber: float = math.inf,
+        ridge: float = 0.0,
+        penalised: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self.engine = engine
+        self._scales = scales
+        self._trained, self._huber, self._ridge, self._penalised = trained, huber, ridge, penalised
+        self._theta = np.empty(0)
+        self._last: Squares | None = None
+
+    def at(self, theta: Floats) -> Squares:
+        """Return value and derivatives at `theta (P,)`; those of the last point are remembered."""
+        if self._last is None or not np.array_equal(theta, self._theta):
+            self._theta, self._last = theta.copy(), self._evaluate(theta)
+        return self._last
+
+    def value(self, theta: Floats) -> float:
+        """Return the value alone at `theta (P,)`, infinite where the solve fails."""
+        found = self.engine.residual_jacobian(theta, differentiated=False)
+        residuals, _ = self._weighted(found)
+        return self._sum(found.status, residuals, theta)
+
+    def _evaluate(self, theta: Floats) -> Squares:
+        found = self.engine.residual_jacobian(theta)
+        residuals, weights = self._weighted(found)
+        jacobian = weights[:, None] * found.jacobian
+        if self._trained is not None:
+            jacobian[:, ~self._trained] = 0.0
+        gradient, normal = jacobian.T @ (weights * found.residuals), jacobian.T @ jacobian
+        if self._ridge > 0.0 and self._penalised is not None:
+            held = self._penalised if self._trained is None else self._penalised & self._trained
+            gradient[held] += self._ridge * theta[held]
+            normal[held, held] += self._ridge
+        value = self._sum(found.status, residuals, theta)
+        if not (np.isfinite(gradient).all() and np.isfinite(normal).all()):
+            value = math.inf
+        return Squares(value, gradient, normal, found.status, found.values)
+
+    def _weighted(self, found: ResidualJacobian) -> tuple[Floats, Floats]:
+        """Return residuals whose squares are summed, and the factors `(R,)` that linearise them."""
+        weights, residuals = np.empty(found.residuals.size), found.residuals.copy()
+        for rows, scale in zip(found.rows.values(), self._scales, strict=True):
+            weights[rows] = math.sqrt(scale / max(1, rows.stop - rows.start))
+        sol = found.rows.get("sol")
+        if sol is not None and math.isfinite(self._huber):
+            size = np.abs(residuals[sol])
+            far = size > self._huber
+            share = np.where(far, self._huber / np.maximum(size, self._huber), 1.0)
+            residuals[sol] = np.where(far, np.sqrt(2.0 * self._huber * size - self._huber**2), size)
+            residuals *= weights
+            weights[sol] *= np.sqrt(share)
+            return residuals, weights
+        return residuals * weights, weights
+
+    def _sum(self, status: Status, residuals: Floats, theta: Floats) -> float:
+        value = float(residuals @ residuals)
+        if self._ridge > 0.0 and self._penalised is not None:
+            value += self._ridge * float(theta[self._penalised] @ theta[self._penalised])
+        return value if status is Status.OK and math.isfinite(value) else math.inf
+
+
+class Iteration:
+    """Levenberg-Marquardt with one damping for all parameters.
+
+    D. W. Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11, 1963, 431-441,
+    https://doi.org/10.1137/0111030; the damping follows the gain ratio as in H. B. Nielsen, Damping parameter in
+    Marquardt's method, IMM-REP-1999-05, Technical University of Denmark, 1999. It is in units of the mean of the
+    diagonal of `J^T J`.
+
+    Args:
+        damping: the first one of each stage.
+        tolerance: it has converged where a step lowers the sum by less than this share, or is expected to.
+
+    Attributes:
+        memory: all that the next step depends on besides the parameters: damping, its growth, whether it has ended (1
+            converged, 2 stuck), steps accepted and rejected so far, last gain ratio, norm of the gradient `(7,)`.
+    """
+
+    NAMES = ("damping", "gain_ratio", "gradient_norm")
+
+    def __init__(self, damping: float, tolerance: float) -> None:
+        self._first, self._tolerance = damping, tolerance
+        self.memory = np.zeros(7)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the damping: another function comes."""
+        self.memory[:3] = self._first, 2.0, 0.0
+
+    @property
+    def records(self) -> dict[str, float]:
+        """What is recorded of it, by the names of `NAMES`."""
+        return {"damping": self.memory[0], "gain_ratio": self.memory[5], "gradient_norm": self.memory[6]}
+
+    def step(self, theta: Floats, here: Squares, value: Callable[[Floats], float]) -> None:
+        """Change `theta (P,)` in place to a lower point if there is one.
+
+        Args:
+            theta: parameters.
+            here: the sum of squares there, which must have a value.
+            value: the sum at other parameters.
+        """
+        memory, size = self.memory, float(np.linalg.norm(here.gradient))
+        memory[6] = size
+        mean = float(np.trace(here.normal)) / theta.size
+        if memory[2] > 0.0:
+            return
+        if size == 0.0 or mean == 0.0:
+            memory[2] = 1.0
+            return
+        for _ in range(TRIALS):
+            damping = memory[0] * mean
+            change = _damped(here.normal, damping, here.gradient)
+            expected = 0.0 if change is None else float(damping * (change @ change) - here.gradient @ change)
+            reached = math.inf if change is None else value(theta + change)
+            if change is not None and reached < here.value and expected > 0.0:
+                self._accept(theta, change, here.value, reached, expected)
+                return
+            memory[4] += 1.0
+            if change is not None and expected <= self._tolerance * here.value:
+                memory[2] = 1.0
+                return
+            memory[0] *= memory[1]
+            memory[1] *= 2.0
+            if memory[0] > LARGEST:
+                memory[2] = 2.0
+                return
+
+    def _accept(self, theta: Floats, change: Floats, before: float, reached: float, expected: float) -> None:
+        memory, ratio = self.memory, (before - reached) / expected
+        theta += change
+        memory[0] = max(memory[0] * max(1.0 / DECADES, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-15)
+        memory[1] = 2.0
+        memory[3] += 1.0
+        memory[5] = ratio
+        if before - reached <= self._tolerance * before:
+            memory[2] = 1.0
+
+
+def term_units(problem: Problem) -> dict[str, float]:
+    """Return the square of each term's natural unit by name: what its scale is relative to in least squares.
+
+    SOL is measured by the mean square of the data, FRQ by that of the targets' frequencies, STB and OSC by that of
+    their angular frequencies, STF by that of the corridor's upper end, and DMP, a ratio, by 1. A unit that nothing
+    tells is 1.
+    """
+    values, targets = problem.data.values[problem.data.mask], problem.targets
+    frequency = targets.frequency[np.isfinite(targets.frequency)]
+    ratio = targets.stiffness[:, 1][np.isfinite(targets.stiffness[:, 1])]
+    hertz = _mean_square(frequency)
+    angular = (2.0 * math.pi) ** 2 * hertz if frequency.size else 1.0
+    return {
+        "sol": _mean_square(values),
+        "frq": hertz,
+        "dmp": 1.0,
+        "stb": angular,
+        "osc": angular,
+        "stf": _mean_square(ratio),
+    }
+
+
+def _mean_square(values: Floats) -> float:
+    size = float(np.mean(values**2)) if values.size else 0.0
+    return size if size > 0.0 else 1.0
+
+
+def _damped(normal: Floats, damping: float, gradient: Floats) -> Floats | None:
+    """Solve `(normal + damping I) x = -gradient`; None where rounding leaves the matrix indefinite."""
+    matrix = normal + 0.0
+    matrix[np.diag_indices_from(matrix)] += damping
+    try:
+        factor = cho_factor(matrix, overwrite_a=True, check_finite=False)
+    except LinAlgError:
+        return None
+    return -cho_solve(factor, gradient, check_finite=False)
