@@ -13,7 +13,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 import yaml
 
-import eigenode_cli.runs
+import eigenode_cli.batch
 from eigenode_cli import __version__
 from eigenode_cli.cli import BLAS_THREADS, COMMANDS, main
 from eigenode_cli.commands import configs
@@ -34,7 +34,7 @@ class Runs(list[tuple[TrainConfig, Path]]):
 
 @pytest.fixture
 def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
-    """A stand-in for `eigenode_cli.runs.run` that records and writes run.json, in an empty current folder."""
+    """A stand-in for `eigenode_cli.batch.run` that records and writes run.json, in an empty current folder."""
     recorded = Runs()
     module = ModuleType("eigenode_cli.batch.run")
 
@@ -49,7 +49,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
 
     module.train = train  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "eigenode_cli.batch.run", module)
-    monkeypatch.setattr(eigenode_cli.runs, "run", module, raising=False)
+    monkeypatch.setattr(eigenode_cli.batch, "run", module, raising=False)
     monkeypatch.chdir(tmp_path)
     return recorded
 
@@ -309,10 +309,10 @@ def test_no_heavy_import_before_everything_is_checked(words: list[str], tmp_path
 
 def test_sigterm_interrupts(tmp_path: Path) -> None:
     script = (
-        "import os, signal, sys, types, eigenode_cli.runs\n"
-        "run = types.ModuleType('eigenode_cli.runs.run')\n"
+        "import os, signal, sys, types, eigenode_cli.batch\n"
+        "run = types.ModuleType('eigenode_cli.batch.run')\n"
         "run.train = lambda config, folder, overrides: os.kill(os.getpid(), signal.SIGTERM) or 0\n"
-        "sys.modules['eigenode_cli.runs.run'] = eigenode_cli.batch.run = run\n"
+        "sys.modules['eigenode_cli.batch.run'] = eigenode_cli.batch.run = run\n"
         "from eigenode_cli.cli import main\n"
         "sys.exit(main(['train']))\n"
     )

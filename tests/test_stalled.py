@@ -13,7 +13,7 @@ from tests.runs.test_run import metrics, record
 
 UNSOLVABLE = ("system=vdp", "grads=sol", "optimizer=sgd", "optimizer.lr=1", "optimizer.momentum=0.9")
 STUCK = ("system=oscillator", "grads=sol", "optimizer=adam_bfgs", "optimizer.adam_steps=50")
-ASTRAY = ("system=oscillator", "grads=sol+stb", "optimizer.lr=3", "trainer.steps=100")
+ASTRAY = ("system=oscillator", "grads=sol+stb", "optimizer.lr=5", "trainer.steps=100")
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ ASTRAY = ("system=oscillator", "grads=sol+stb", "optimizer.lr=3", "trainer.steps
     [
         ((*UNSOLVABLE, "trainer.steps=500"), "stalled", "the solve fails (max_steps) and no gradient acts", 50),
         ((*STUCK, "trainer.steps=3000"), "stalled", "BFGS finds no lower point", 150),
-        ((*ASTRAY, "solver.max_steps=500"), "diverged", "sol ends at", 100),
+        ((*ASTRAY, "solver.max_steps=2000"), "diverged", "sol ends at", 100),
     ],
 )
 def test_it_ends_early_with_a_name_and_cannot_be_resumed(

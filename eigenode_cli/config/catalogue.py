@@ -14,6 +14,7 @@ from eigenode_cli.runs.paths import CONFIG_DIR
 from eigenode_cli.terms import TERMS
 
 COMPANIONS = {
+    "optimizer=lm": ("error.sol=mse", "error.frq=mse", "error.dmp=mse", "error.osc=mse"),
     "target=stated": ("target.frequency=[1.0]", "target.damping=[0.1]"),
     "system=custom": (
         "system.target=eigenode_cli.systems:VanDerPol",

@@ -12,7 +12,7 @@ from typing import Any
 
 from hydra.core.override_parser.types import Override, OverrideType, ValueType
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, ListConfig, OmegaConf, open_dict
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
 from eigenode_cli.config.composer import DIFFERENCES, Composer, explain, hydra_values
@@ -247,8 +247,10 @@ def _unknown_key(config: DictConfig, key: str) -> str:
     if group in choices and OmegaConf.is_dict(config[group]):
         return no_option(config, group, last, map(str, config[group]))
     keys = list(_keys(config)) if key.startswith("hydra") else [k for k in _keys(config) if not k.startswith("hydra")]
+    siblings = {k.rpartition(".")[2]: k for k in keys if group and k.rpartition(".")[0] == group}
     same = [k for k in keys if k.rpartition(".")[2] in (last, ALIASES.get(last.lower()))]
-    guess = same[0] if same else nearest(key, keys) or _by_last_part(last, keys)
+    near = siblings.get(nearest(last, siblings) or "")
+    guess = near or (same[0] if same else nearest(key, keys) or _by_last_part(last, keys))
     hint = f", did you mean {guess}?" if guess else ";"
     return f"unknown setting '{key}'{hint} 'eigenode train --cfg job' lists all"
 
@@ -268,6 +270,10 @@ def _keys(node: DictConfig, prefix: str = "") -> Iterator[str]:
         child = None if OmegaConf.is_missing(node, name) else node._get_node(name)
         if isinstance(child, DictConfig) and not child._is_none():
             yield from _keys(child, f"{key}.")
+        elif isinstance(child, ListConfig) and not child._is_none():
+            for number, item in enumerate(child):
+                if isinstance(item, DictConfig):
+                    yield from _keys(item, f"{key}.{number}.")
 
 
 def _type_fault(key: str, value: Any, error: ValidationError) -> str:

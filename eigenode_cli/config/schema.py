@@ -171,7 +171,10 @@ class LeastSquaresConfig(AdamConfig):
     tolerance: float = option(at_least=0, below=1)
     """A horizon has converged where a step lowers the sum of squares by less than this share."""
     ridge: float = option(at_least=0)
-    """Factor of the squared parameters of the network, added to the sum of squares."""
+    """Factor of the squared parameters of the network, added to the sum of squares; the first one with `evidence`."""
+    evidence: bool = MISSING
+    """Whether the ridge follows the evidence of the data (MacKay 1992), which knows noise from signal, over the last
+    horizon."""
 
 
 @dataclass

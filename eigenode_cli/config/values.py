@@ -173,6 +173,8 @@ def _hidden_states(config: DictConfig) -> Iterator[str]:
         for name in dict.fromkeys(system.initial_known):
             if name not in states:
                 yield f"system.initial_known={show(system.initial_known)}: {unknown('state', name, states)}"
+    if not system.observed or not set(system.observed) <= set(states):
+        return  # `_system` says so
     hidden_ones = _not_to_be_known(states, list(system.observed), config.network.structure)
     if not hidden_ones:
         return
@@ -231,7 +233,9 @@ def _stages(config: DictConfig) -> Iterator[str]:
     for number, stage in enumerate(stages):
         key, horizons = f"stages.{number}", list(stage.horizons)
         if not horizons or horizons != sorted(set(horizons)):
-            yield f"{key}.horizons={show(horizons)}: must be growing fractions, for example [0.25,0.5,1]"
+            yield f"{key}.horizons={show(stage.horizons)}: must be growing fractions, for example [0.25,0.5,1]"
+        elif number == len(stages) - 1 and horizons[-1] != 1.0:
+            yield f"{key}.horizons={show(stage.horizons)}: the last one must be 1, the whole horizon"
         terms = split_grads(config.grads if stage.terms is None else stage.terms)
         if not (stage.solve or set(terms) & set(NAMES[1:])):
             yield f"{key}.solve=false: {'+'.join(terms)} has no term of the spectrum, so that nothing trains"
@@ -239,15 +243,12 @@ def _stages(config: DictConfig) -> Iterator[str]:
         if stage.trained is not None and not set(stage.trained) <= set(blocks):
             yield f"{key}.trained={show(stage.trained)}: there is no such block; this run has {', '.join(blocks)}"
         if not stage.solve and horizons != [1.0]:
-            yield f"{key}.horizons={show(horizons)}: no effect, as {key}.solve=false solves nothing"
-    if stages and list(stages[-1].horizons)[-1:] != [1.0]:
-        last = len(stages) - 1
-        yield f"stages.{last}.horizons={show(stages[last].horizons)}: the last one must be 1, the whole horizon"
+            yield f"{key}.horizons={show(stage.horizons)}: no effect, as {key}.solve=false solves nothing"
     named = sum(stage.steps or 0 for stage in stages)
     shares = sum(stage.steps is None for stage in stages)
-    if steps < named + shares:
+    if 0 < steps < named + shares:
         yield f"trainer.steps={steps}: the stages take {named} of them, {shares} more share the rest; give more steps"
-    elif stages and shares == 0 and named != steps:
+    elif stages and shares == 0 and 0 < steps != named:
         yield f"trainer.steps={steps}: the stages take {named} of them; leave out the steps of one, which has the rest"
 
 

@@ -22,7 +22,11 @@ TRIALS = 12
 """Points that one step may try."""
 LARGEST = 1e16
 """Damping from which on no lower point is to be found."""
-DECADES = 3.0
+RIDGE = 7
+"""Where the ridge stands in the memory of an iteration."""
+CONVERGED, STUCK = 1.0, 2.0
+"""How an iteration ends."""
+LARGEST_CUT = 3.0
 """An accepted step divides the damping by at most so much."""
 
 
@@ -47,16 +51,31 @@ class Squares:
     guard_count: int = 0
 
 
+@dataclass(frozen=True)
+class _Point:
+    """Weighted residuals `(R,)`, their Jacobian `(R, P)`, and the residual Jacobian that they come from."""
+
+    theta: Floats
+    residuals: Floats
+    jacobian: Floats
+    gradient: Floats
+    normal: Floats
+    found: ResidualJacobian
+
+
 class LeastSquares:
-    """Sum over the terms of scale times mean square residual, plus a ridge on a block of parameters.
+    """Sum over the terms of scale times mean square residual, plus a ridge on the network's parameters.
 
     Args:
         engine: gives the residual Jacobian.
         scales: factor of each named term `(L,)`.
         trained: which parameters it is a function of `(P,)`, None for all.
         huber: residuals of SOL beyond this size count linearly, by reweighting; infinite for plain squares.
-        ridge: factor of the squared parameters `penalised`.
-        penalised: which parameters the ridge holds small `(P,)`.
+        penalised: which parameters the ridge holds small `(P,)`, None for none.
+        evidence: whether the ridge is to follow the evidence.
+
+    Attributes:
+        ridge: factor of the sum of the squared parameters `penalised`.
     """
 
     def __init__(
@@ -65,42 +84,67 @@ class LeastSquares:
         scales: Floats,
         trained: NDArray[np.bool_] | None = None,
         huber: float = math.inf,
-        ridge: float = 0.0,
         penalised: NDArray[np.bool_] | None = None,
+        evidence: bool = False,
     ) -> None:
-        self.engine = engine
-        self._scales = scales
-        self._trained, self._huber, self._ridge, self._penalised = trained, huber, ridge, penalised
-        self._theta = np.empty(0)
-        self._last: Squares | None = None
+        self.engine, self.evidence = engine, evidence
+        self.ridge = 0.0
+        self._scales, self._trained, self._huber = scales, trained, huber
+        self._penalised = penalised if trained is None or penalised is None else penalised & trained
+        self._last: _Point | None = None
 
     def at(self, theta: Floats) -> Squares:
-        """Return value and derivatives at `theta (P,)`; those of the last point are remembered."""
-        if self._last is None or not np.array_equal(theta, self._theta):
-            self._theta, self._last = theta.copy(), self._evaluate(theta)
-        return self._last
+        """Return value and derivatives at `theta (P,)`; the residual Jacobian of the last point is remembered."""
+        point = self._point(theta)
+        gradient, normal = point.gradient, point.normal
+        if self.ridge > 0.0 and self._penalised is not None:
+            gradient, normal, held = gradient.copy(), normal.copy(), np.flatnonzero(self._penalised)
+            gradient[held] += self.ridge * theta[held]
+            normal[held, held] += self.ridge
+        value = self._sum(point.found.status, point.residuals, theta)
+        if not (np.isfinite(gradient).all() and np.isfinite(normal).all()):
+            value = math.inf
+        return Squares(value, gradient, normal, point.found.status, point.found.values)
 
     def value(self, theta: Floats) -> float:
         """Return the value alone at `theta (P,)`, infinite where the solve fails."""
         found = self.engine.residual_jacobian(theta, differentiated=False)
-        residuals, _ = self._weighted(found)
-        return self._sum(found.status, residuals, theta)
+        return self._sum(found.status, self._weighted(found)[0], theta)
 
-    def _evaluate(self, theta: Floats) -> Squares:
-        found = self.engine.residual_jacobian(theta)
-        residuals, weights = self._weighted(found)
-        jacobian = weights[:, None] * found.jacobian
-        if self._trained is not None:
-            jacobian[:, ~self._trained] = 0.0
-        gradient, normal = jacobian.T @ (weights * found.residuals), jacobian.T @ jacobian
-        if self._ridge > 0.0 and self._penalised is not None:
-            held = self._penalised if self._trained is None else self._penalised & self._trained
-            gradient[held] += self._ridge * theta[held]
-            normal[held, held] += self._ridge
-        value = self._sum(found.status, residuals, theta)
-        if not (np.isfinite(gradient).all() and np.isfinite(normal).all()):
-            value = math.inf
-        return Squares(value, gradient, normal, found.status, found.values)
+    def evidence_ridge(self, theta: Floats) -> float:
+        """Return the ridge under which noise and parameters explain the residuals of SOL best.
+
+        The evidence of D. J. C. MacKay, Bayesian interpolation, Neural Computation 4, 1992, 415-447, with the
+        Gauss-Newton matrix of F. D. Foresee, M. T. Hagan, Gauss-Newton approximation to Bayesian learning, ICNN 1997:
+        `gamma E_D / ((N - gamma) E_W)` for N residuals with sum of squares E_D, penalised parameters with sum of
+        squares E_W, and the number gamma of parameters that the data determine.
+        """
+        point = self._point(theta)
+        rows = point.found.rows.get("sol")
+        if rows is None or self._penalised is None:
+            return self.ridge
+        jacobian, residuals = point.jacobian[rows], point.residuals[rows]
+        part = jacobian[:, self._penalised]
+        matrix = part @ part.T if part.shape[0] <= part.shape[1] else part.T @ part
+        if not np.isfinite(matrix).all():
+            return self.ridge
+        curvature = np.maximum(np.linalg.eigvalsh(matrix), 0.0)
+        determined = float((curvature / (curvature + self.ridge)).sum()) if self.ridge > 0.0 else float(part.shape[0])
+        others = int((~self._penalised).sum() if self._trained is None else (self._trained & ~self._penalised).sum())
+        left = max(1.0, residuals.size - others - determined)
+        size = max(float(theta[self._penalised] @ theta[self._penalised]), 1e-12)
+        return min(determined, residuals.size) * float(residuals @ residuals) / (left * size)
+
+    def _point(self, theta: Floats) -> _Point:
+        if self._last is None or not np.array_equal(theta, self._last.theta):
+            found = self.engine.residual_jacobian(theta)
+            residuals, weights = self._weighted(found)
+            jacobian = weights[:, None] * found.jacobian
+            if self._trained is not None:
+                jacobian[:, ~self._trained] = 0.0
+            gradient = jacobian.T @ (weights * found.residuals)
+            self._last = _Point(theta.copy(), residuals, jacobian, gradient, jacobian.T @ jacobian, found)
+        return self._last
 
     def _weighted(self, found: ResidualJacobian) -> tuple[Floats, Floats]:
         """Return residuals whose squares are summed, and the factors `(R,)` that linearise them."""
@@ -111,18 +155,20 @@ class LeastSquares:
         if sol is not None and math.isfinite(self._huber):
             size = np.abs(residuals[sol])
             far = size > self._huber
-            share = np.where(far, self._huber / np.maximum(size, self._huber), 1.0)
-            residuals[sol] = np.where(far, np.sqrt(2.0 * self._huber * size - self._huber**2), size)
+            residuals[sol] = np.where(far, np.sqrt(np.maximum(2.0 * self._huber * size - self._huber**2, 0.0)), size)
             residuals *= weights
-            weights[sol] *= np.sqrt(share)
+            weights[sol] *= np.sqrt(self._huber / np.maximum(size, self._huber))
             return residuals, weights
         return residuals * weights, weights
 
     def _sum(self, status: Status, residuals: Floats, theta: Floats) -> float:
-        value = float(residuals @ residuals)
-        if self._ridge > 0.0 and self._penalised is not None:
-            value += self._ridge * float(theta[self._penalised] @ theta[self._penalised])
-        return value if status is Status.OK and math.isfinite(value) else math.inf
+        if status is not Status.OK:
+            return math.inf
+        with np.errstate(over="ignore"):
+            value = float(residuals @ residuals)
+        if self.ridge > 0.0 and self._penalised is not None:
+            value += self.ridge * float(theta[self._penalised] @ theta[self._penalised])
+        return value if math.isfinite(value) else math.inf
 
 
 class Iteration:
@@ -135,23 +181,35 @@ class Iteration:
 
     Args:
         damping: the first one of each stage.
+        ridge: the first one.
         tolerance: it has converged where a step lowers the sum by less than this share, or is expected to.
 
     Attributes:
-        memory: all that the next step depends on besides the parameters: damping, its growth, whether it has ended (1
-            converged, 2 stuck), steps accepted and rejected so far, last gain ratio, norm of the gradient `(7,)`.
+        memory: all that the next step depends on besides the parameters: damping, its growth, how it has ended
+            (0 not yet), steps accepted and rejected so far, last gain ratio, norm of the gradient, ridge `(8,)`.
     """
 
     NAMES = ("damping", "gain_ratio", "gradient_norm")
 
-    def __init__(self, damping: float, tolerance: float) -> None:
+    def __init__(self, damping: float, tolerance: float, ridge: float = 0.0) -> None:
         self._first, self._tolerance = damping, tolerance
-        self.memory = np.zeros(7)
+        self.memory = np.zeros(8)
+        self.memory[RIDGE] = ridge
         self.restart()
 
     def restart(self) -> None:
         """Forget the damping: another function comes."""
         self.memory[:3] = self._first, 2.0, 0.0
+
+    @property
+    def ridge(self) -> float:
+        """The ridge of the next step."""
+        return float(self.memory[RIDGE])
+
+    @property
+    def converged(self) -> bool:
+        """Whether the last step met the tolerance."""
+        return bool(self.memory[2] == CONVERGED)
 
     @property
     def records(self) -> dict[str, float]:
@@ -172,7 +230,7 @@ class Iteration:
         if memory[2] > 0.0:
             return
         if size == 0.0 or mean == 0.0:
-            memory[2] = 1.0
+            memory[2] = CONVERGED
             return
         for _ in range(TRIALS):
             damping = memory[0] * mean
@@ -184,23 +242,23 @@ class Iteration:
                 return
             memory[4] += 1.0
             if change is not None and expected <= self._tolerance * here.value:
-                memory[2] = 1.0
+                memory[2] = CONVERGED
                 return
             memory[0] *= memory[1]
             memory[1] *= 2.0
             if memory[0] > LARGEST:
-                memory[2] = 2.0
+                memory[2] = STUCK
                 return
 
     def _accept(self, theta: Floats, change: Floats, before: float, reached: float, expected: float) -> None:
         memory, ratio = self.memory, (before - reached) / expected
         theta += change
-        memory[0] = max(memory[0] * max(1.0 / DECADES, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-15)
+        memory[0] = max(memory[0] * max(1.0 / LARGEST_CUT, 1.0 - (2.0 * ratio - 1.0) ** 3), 1e-15)
         memory[1] = 2.0
         memory[3] += 1.0
         memory[5] = ratio
         if before - reached <= self._tolerance * before:
-            memory[2] = 1.0
+            memory[2] = CONVERGED
 
 
 def term_units(problem: Problem) -> dict[str, float]:

@@ -17,7 +17,7 @@ from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.first_order import ADAM, SGD, take_update
 from eigenode_cli.engines.update import Update, learn
 from eigenode_cli.training.bfgs import Bfgs
-from eigenode_cli.training.least_squares import Iteration, LeastSquares
+from eigenode_cli.training.least_squares import RIDGE, Iteration, LeastSquares
 from eigenode_cli.training.total_loss import Objective
 
 
@@ -79,7 +79,10 @@ class LevenbergMarquardt(Adam):
     Attributes:
         damping: the first one of each phase, in units of the mean of the diagonal of `J^T J`.
         tolerance: a phase has converged where a step lowers the sum of squares by less than this share.
-        ridge: factor of the squared parameters of the network, added to the sum of squares.
+        ridge: factor of the squared parameters of the network, added to the sum of squares; the first one where it
+            follows the evidence.
+        evidence: whether the ridge follows the evidence (`LeastSquares.evidence_ridge`) in the last phase, from step to
+            step. While the horizon grows nearly everything is noise to it.
         huber: residuals of SOL beyond this size count linearly; infinite for plain squares.
     """
 
@@ -87,6 +90,7 @@ class LevenbergMarquardt(Adam):
     damping: float = 1e-3
     tolerance: float = 1e-4
     ridge: float = 0.0
+    evidence: bool = False
     huber: float = math.inf
 
 
@@ -141,14 +145,18 @@ class SearchOptimizer(Optimizer, ABC):
 
     label: str
     """Name in messages."""
+    convergence: str | None = None
+    """Why it has converged by its own rule, None where it has not."""
 
     @abstractmethod
     def searches(self, step: int) -> bool:
         """Whether training step `step` is an iteration on the whole function."""
 
     @abstractmethod
-    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None) -> Objective | LeastSquares:
-        """Return the function of a phase."""
+    def objective(
+        self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None, last: bool
+    ) -> Objective | LeastSquares:
+        """Return the function of a phase; `last` tells whether it is that of the training."""
 
     @abstractmethod
     def restart(self) -> None:
@@ -187,8 +195,9 @@ class AdamBfgsOptimizer(SearchOptimizer):
         """See `SearchOptimizer.searches`."""
         return step >= self.switch
 
-    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None) -> Objective:
+    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None, last: bool) -> Objective:
         """See `SearchOptimizer.objective`."""
+        del last
         return Objective(engine, scales, trained)
 
     def restart(self) -> None:
@@ -220,8 +229,15 @@ class LeastSquaresOptimizer(SearchOptimizer):
         super().__init__(method, parameters)
         self._constants = method
         self._penalised = np.arange(parameters) < network
-        self.iteration = Iteration(method.damping, method.tolerance)
+        self.iteration = Iteration(method.damping, method.tolerance, method.ridge)
         self._state |= {"iteration": self.iteration.memory}
+
+    @property
+    def convergence(self) -> str | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """See `SearchOptimizer.convergence`."""
+        if not self.iteration.converged:
+            return None
+        return f"a step lowers the sum of squares by less than {self._constants.tolerance:g} of it"
 
     @property
     def records(self) -> dict[str, float]:
@@ -232,9 +248,10 @@ class LeastSquaresOptimizer(SearchOptimizer):
         """See `SearchOptimizer.searches`."""
         return step >= 0
 
-    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None) -> LeastSquares:
+    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None, last: bool) -> LeastSquares:
         """See `SearchOptimizer.objective`."""
-        return LeastSquares(engine, scales, trained, self._constants.huber, self._constants.ridge, self._penalised)
+        evidence = last and self._constants.evidence
+        return LeastSquares(engine, scales, trained, self._constants.huber, self._penalised, evidence)
 
     def restart(self) -> None:
         """See `SearchOptimizer.restart`."""
@@ -242,9 +259,12 @@ class LeastSquaresOptimizer(SearchOptimizer):
 
     def search(self, theta: Floats, objective: LeastSquares, update: Update, step: int) -> None:
         """See `SearchOptimizer.search`."""
+        objective.ridge = self.iteration.ridge
         here = objective.at(theta)
         if math.isfinite(here.value):
+            ridge = objective.evidence_ridge(theta) if objective.evidence else objective.ridge
             self.iteration.step(theta, here, objective.value)
+            self.iteration.memory[RIDGE] = ridge
         else:
             self.restart()
             learn(update, theta, objective.engine.loss_jacobian(theta).gradients, self.adam_lr(step))

@@ -232,7 +232,8 @@ class Trainer:
         if step > 0 and self._phase(step - 1) != number:
             optimizer.restart()
         if self._objective is None or self._objective.engine is not phase.engine:
-            self._objective = optimizer.objective(phase.engine, phase.scales, phase.trained)
+            last = number == len(self.phases) - 1
+            self._objective = optimizer.objective(phase.engine, phase.scales, phase.trained, last)
         start = perf_counter() - phase.engine.compile_seconds
         here = self._objective.at(self.theta)
         self._note_status(here.status, here.values)
@@ -265,13 +266,18 @@ class Trainer:
             self._end(STALLED, f"from step {since} on the solve fails ({status.label}) and no gradient acts; {advice}")
         elif not np.isfinite(here.gradient).all():
             self._end(DIVERGED, f"from step {since} on no gradient is finite; {SMALLER}")
-        elif stationary(here.gradient, self.theta, size):
+        elif self._convergence is not None or stationary(here.gradient, self.theta, size):
             self.progress.converged_at = since
-            self.display.say(f"step {since}: converged, nothing changes from here on")
+            self.display.say(f"step {since}: converged, {self._convergence or 'nothing changes from here on'}")
         else:
             self._end(
                 STALLED, f"from step {since} on {self._label} finds no lower point, though there is a slope; {SMOOTHER}"
             )
+
+    @property
+    def _convergence(self) -> str | None:
+        """Why the optimizer says that it has converged, None where it does not."""
+        return self.optimizer.convergence if isinstance(self.optimizer, SearchOptimizer) else None
 
     @property
     def _label(self) -> str:

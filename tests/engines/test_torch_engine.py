@@ -95,7 +95,7 @@ def check_gradients(engine: TorchEngine, theta: Floats, seed: int, h: float) -> 
 def engine_steps(engine: TorchEngine, theta: Floats) -> list[float]:
     load_flat(engine.field, theta)
     with torch.no_grad():
-        return solve(engine.field, engine._start, engine._times, engine.problem.solver).steps
+        return solve(engine.field, engine._start(), engine._times, engine.problem.solver).steps
 
 
 @pytest.mark.parametrize("jacobian", ["autodiff", "symbolic", "finite_difference"])

@@ -15,7 +15,15 @@ from eigenode_cli.model.polynomial import Polynomial
 STATES = np.array([[1.0, 0.0], [-4.0, 2.0]])
 RATES = np.array([[0.0, -3.0], [2.0, 5.0]])
 
-CUBIC = PolynomialConfig("polynomial", "eigenode_cli.model:Polynomial", structure="full", degree=3, spread=1.0)
+CUBIC = PolynomialConfig(
+    name="polynomial",
+    target="eigenode_cli.model:Polynomial",
+    structure="full",
+    linear="none",
+    output_gain=1.0,
+    degree=3,
+    spread=1.0,
+)
 
 
 def mlp(**changes: object) -> MlpConfig:
@@ -28,6 +36,9 @@ def mlp(**changes: object) -> MlpConfig:
         "init": "glorot",
         "input_scaling": "none",
         "output_scaling": "none",
+        "scaling_from": "data",
+        "linear": "none",
+        "output_gain": 1.0,
     }
     return MlpConfig(**(options | changes))  # type: ignore[arg-type]
 

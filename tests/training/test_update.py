@@ -25,8 +25,8 @@ def test_a_step_takes_every_update_of_the_combination() -> None:
         for k in range(4):
             gradients = generator.normal(size=(3, 5))
             learn(update, theta, gradients, 1e-2 / (k + 1))
-            for update in room[: combine(code, gradients, scales, room)]:
-                theirs.update(expected, update, 1e-2 / (k + 1))
+            for row in room[: combine(code, gradients, scales, room)]:
+                theirs.update(expected, row, 1e-2 / (k + 1))
         assert theta.tobytes() == expected.tobytes()
         assert ours.state()["count"] == theirs.state()["count"]
 

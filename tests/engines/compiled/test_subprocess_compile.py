@@ -13,7 +13,7 @@ import pytest
 from numba.core import config
 
 from eigenode_cli.engines.compiled import engine as module
-from eigenode_cli.engines.compiled import kernel
+from eigenode_cli.engines.compiled import kernel, ready
 from eigenode_cli.engines.compiled.cached import is_ready
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.subprocess_compile import compile_apart
@@ -98,8 +98,8 @@ def test_changed_internals_of_numba_mean_not_ready(fresh: Any) -> None:
 @pytest.mark.parametrize("fault", [None, "TypingError: no"])
 def test_a_compilation_is_announced_and_its_fault_shown(fault: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
     asked, said = [], []
-    monkeypatch.setattr(module, "not_ready", lambda kernels, signatures: signatures)
-    monkeypatch.setattr(module, "compile_apart", lambda signatures: asked.append([*signatures]) or fault)
+    monkeypatch.setattr(ready, "not_ready", lambda kernels, signatures: signatures)
+    monkeypatch.setattr(ready, "compile_apart", lambda signatures: asked.append([*signatures]) or fault)
     engine = CompiledEngine(oracle.make_shape(2), oracle.make_problem(2), announce=said.append)
     engine.loss_jacobian(oracle.make_theta(oracle.make_shape(2)))
     assert asked == [["loss_jacobian"]]
