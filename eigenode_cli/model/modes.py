@@ -63,6 +63,8 @@ def modal_matrix(pairs: Complexes, estimate: Estimate, structure: str) -> Floats
     own, stated = linear_sum_assignment(np.abs(values[:, None] - wanted[None, :]))
     values = values.astype(np.complex128)
     values[own] = wanted[stated]
+    if structure == "second_order":  # the lower half of a vector is the rate of the upper one
+        vectors = np.vstack([vectors[: n // 2], vectors[: n // 2] * values])
     if np.linalg.cond(vectors) > 1e8 or not np.allclose(_conjugates(values, vectors), 0.0, atol=1e-6):
         return _blocks(pairs, n, structure)
     return (vectors @ np.diag(values) @ np.linalg.inv(vectors)).real[n - m :]

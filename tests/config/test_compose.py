@@ -24,7 +24,7 @@ def test_every_shipped_file_is_composed() -> None:
     result = validate(Composer())
     assert result.faults == []
     assert result.files == shipped_files()
-    assert len(result.files) == 44
+    assert len(result.files) == 45
     choices = sum(len(Composer().choices(group)) for group in SCHEMAS)
     protocols_and_systems = 4 + 4 * 3
     assert result.compositions == choices + protocols_and_systems
