@@ -49,8 +49,7 @@ def spectral_terms(
         compared: filled with the number of spectra at which each term had something to compare `(L,)`.
         partner, match: working space `(n,)`.
 
-    Returns:
-        The number of spectra that counted.
+    Returns the number of spectra that counted.
     """
     values[:] = 0.0
     slopes[:] = 0.0
