@@ -32,8 +32,8 @@ def spectral_terms(
 ):
     """Mean over all spectra of each named spectral term, and its derivative in every eigenvalue.
 
-    A spectrum that is not finite (the solve or the eigenvalue routine did not get there) contributes nothing and is
-    not counted. A term that has nothing to compare at any spectrum has the value and slopes zero; `compared` tells.
+    A spectrum that is not finite contributes nothing and is not counted. A term that has nothing to compare at any
+    spectrum has the value and slopes zero; `compared` tells.
 
     Args:
         codes: terms to evaluate `(L,)`, each one of FRQ, DMP, STB, OSC, STF; others are left at zero.
@@ -62,28 +62,34 @@ def spectral_terms(
         counted += 1
         find_partners(spectrum, level, partner)
         matched = match_targets(spectrum, partner, frequency[t], damping[t], match)
+        goal = frequency[t], damping[t], pairs[t], stiffness[t]
         for k in range(codes.size):
-            code, slope, defined = codes[k], slopes[k, t], False
-            if code == FRQ:
-                values[k] += frq(spectrum, match, frequency[t], errors[FRQ], delta, slope)
-                defined = matched > 0
-            elif code == DMP:
-                values[k] += dmp(spectrum, match, damping[t], errors[DMP], delta, slope)
-                defined = matched > 0
-            elif code == STB:
-                values[k] += stb(spectrum, margin, errors[STB], delta, slope)
-                defined = True
-            elif code == OSC:
-                values[k] += osc(spectrum, partner, pairs[t], errors[OSC], delta, slope)
-                defined = pairs[t] > 0
-            elif code == STF:
-                values[k] += stf(spectrum, level, stiffness[t], errors[STF], delta, slope)
-                defined = has_ratio(spectrum, level, stiffness[t])
+            value, defined = _term(
+                codes[k], spectrum, level, partner, match, matched, goal, margin, errors, delta, slopes[k, t]
+            )
+            values[k] += value
             compared[k] += int(defined)
     if counted > 0:
         values /= counted
         _divide(slopes, counted)
     return counted
+
+
+@njit
+def _term(code, spectrum, level, partner, match, matched, goal, margin, errors, delta, slope):
+    """Value of one term at one spectrum, and whether it has something to compare there; fills `slope (n,)`."""
+    frequency, damping, pairs, stiffness = goal
+    if code == FRQ:
+        return frq(spectrum, match, frequency, errors[FRQ], delta, slope), matched > 0
+    if code == DMP:
+        return dmp(spectrum, match, damping, errors[DMP], delta, slope), matched > 0
+    if code == STB:
+        return stb(spectrum, margin, errors[STB], delta, slope), True
+    if code == OSC:
+        return osc(spectrum, partner, pairs, errors[OSC], delta, slope), pairs > 0
+    if code == STF:
+        return stf(spectrum, level, stiffness, errors[STF], delta, slope), has_ratio(spectrum, level, stiffness)
+    return 0.0, False
 
 
 @njit
