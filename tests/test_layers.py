@@ -19,6 +19,7 @@ ORDER = (
     ("terms",),
     ("engines",),
     ("training",),
+    ("fitting",),
     ("runs",),
     ("reporting",),
     ("config",),
