@@ -12,7 +12,10 @@ __version__ = "0.1.0"
 
 PUBLIC = {
     **dict.fromkeys(("Oscillator", "VanDerPol", "System", "State", "Parameter"), "systems"),
-    **dict.fromkeys(("Dataset", "Series", "Truth", "simulate", "reconstruct", "StatedTarget", "TruthTarget"), "data"),
+    **dict.fromkeys(("Dataset", "Series"), "data.dataset"),
+    **dict.fromkeys(("Truth", "simulate"), "data.simulate"),
+    **dict.fromkeys(("reconstruct",), "data.reconstruct"),
+    **dict.fromkeys(("StatedTarget", "TruthTarget"), "data.targets"),
     **dict.fromkeys(("VectorField", "Mlp", "Polynomial", "flat_parameters", "load_flat"), "model"),
     **dict.fromkeys(("Problem",), "engines.problem"),
     **dict.fromkeys(("build_engine",), "engines.factory"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +13,20 @@ from torch import nn
 
 from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.console import QuietDisplay
-from eigenode_cli.data import Dataset, Estimate, Series, Target, reconstruct
+from eigenode_cli.data.dataset import Dataset, Series
+from eigenode_cli.data.reconstruct import Estimate, reconstruct
+from eigenode_cli.data.targets import Target
 from eigenode_cli.engines.base import Engine, Evaluation
 from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, scale_output, with_initial_states
+from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, scale_output, with_initial_state
 from eigenode_cli.model.modes import modal_matrix, stated_pairs
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
 from eigenode_cli.terms import NAMES, canonical
 from eigenode_cli.terms.errors import MSE
 from eigenode_cli.training.ending import Ending
-from eigenode_cli.training.least_squares import term_units
+from eigenode_cli.training.least_squares import relative_scales
 from eigenode_cli.training.optimizers import LevenbergMarquardt, Method, build_optimizer
 from eigenode_cli.training.progress import Progress, Snapshot
 from eigenode_cli.training.stages import Stage, build_phases
@@ -136,18 +139,16 @@ def fit(
     method = LevenbergMarquardt(ridge=1e-8, evidence=True) if method is None else method
     estimate = reconstruct(series, field.structure)
     problem = _problem(series, estimate, target, terms, solver)
-    units = term_units(problem) if isinstance(method, LevenbergMarquardt) else {}
-    factors = {name: (scales or {}).get(name, 1.0) / units.get(name, 1.0) for name in NAMES}
-    theta = with_initial_states(flat_parameters(field), [np.nan_to_num(estimate.states[0])[series.unknown]])
+    factors: dict[str, float] = dict.fromkeys(NAMES, 1.0) | dict(scales or {})
+    if isinstance(method, LevenbergMarquardt):
+        factors = relative_scales(factors, problem)
+    theta = with_initial_state(flat_parameters(field), series, estimate)
     whole = build_engine(field, problem, engine=engine)
+    rebuilt = partial(build_engine, field, engine=engine)
     blocks, memory = block_slices(field, series.unknown.size), _Memory()
-
-    def engine_of(part: Problem) -> Engine:
-        return whole if part is problem else build_engine(field, part, engine=engine)
-
     trainer = Trainer(
         engine=whole,
-        phases=build_phases(stages, steps, problem, factors, engine_of, blocks),
+        phases=build_phases(stages, steps, problem, factors, whole, rebuilt, blocks),
         optimizer=build_optimizer(method, theta.size, blocks["network"].stop),
         combination=COMBINATIONS["sequential"],
         terms=problem.terms,

@@ -10,7 +10,8 @@ import pytest
 
 from eigenode_cli.config.build import build_field
 from eigenode_cli.config.schema import MlpConfig
-from eigenode_cli.data import Truth, TruthTarget, simulate
+from eigenode_cli.data.simulate import Truth, simulate
+from eigenode_cli.data.targets import TruthTarget
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver

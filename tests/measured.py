@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from eigenode_cli.data import Series
+from eigenode_cli.data.dataset import Series
 
 
 def series(times: Any, states: np.ndarray, mask: np.ndarray | None = None) -> Series:

@@ -10,7 +10,8 @@ from eigenode_cli.arrays import Floats
 from eigenode_cli.bench import RECIPES
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.data import Series, targets_of_spectra
+from eigenode_cli.data.dataset import Series
+from eigenode_cli.data.targets import targets_of_spectra
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.problem import Problem

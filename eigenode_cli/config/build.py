@@ -28,7 +28,9 @@ from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.systems import System
 
 if TYPE_CHECKING:
-    from eigenode_cli.data import Dataset, Target, Truth
+    from eigenode_cli.data.dataset import Dataset
+    from eigenode_cli.data.simulate import Truth
+    from eigenode_cli.data.targets import Target
     from eigenode_cli.model import VectorField
     from eigenode_cli.training.optimizers import Method
     from eigenode_cli.training.stages import Stage
@@ -46,7 +48,7 @@ def build_system(config: Any) -> System:
 
 def build_truth(config: SystemConfig) -> "Truth":
     """Build the truth that a system's data are sampled from."""
-    from eigenode_cli.data import Truth  # noqa: PLC0415  # SciPy, and a command line is checked without it
+    from eigenode_cli.data.simulate import Truth  # noqa: PLC0415  # SciPy, and a command line is checked without it
 
     return Truth(build_system(config), tuple(float(value) for value in config.initial_state))
 
@@ -57,7 +59,7 @@ def build_dataset(config: SystemConfig, truth: "Truth", seed: int) -> "Dataset":
     Raises:
         ValueError: the system cannot be solved.
     """
-    from eigenode_cli.data import simulate  # noqa: PLC0415
+    from eigenode_cli.data.simulate import simulate  # noqa: PLC0415
 
     times = np.linspace(0.0, config.horizon, config.points)
     return simulate(truth, times, config.observed, config.noise, seed, config.initial_known)
@@ -65,7 +67,7 @@ def build_dataset(config: SystemConfig, truth: "Truth", seed: int) -> "Dataset":
 
 def build_target(config: TargetConfig, truth: "Truth") -> "Target":
     """Build what the spectral terms compare with."""
-    from eigenode_cli.data import StatedTarget, TruthTarget  # noqa: PLC0415
+    from eigenode_cli.data.targets import StatedTarget, TruthTarget  # noqa: PLC0415
 
     corridor = None if config.stiffness is None else (config.stiffness[0], config.stiffness[1])
     if isinstance(config, StatedTargetConfig):

@@ -48,7 +48,7 @@ def _no_effect(words: list[str]) -> str:
 
 def _lost_pairs(config: DictConfig) -> Iterator[str]:
     """A fault for each stated pair that by the rule for all spectra is none."""
-    from eigenode_cli.data import StatedTarget  # noqa: PLC0415  # Numba, only once all else is right
+    from eigenode_cli.data.targets import StatedTarget  # noqa: PLC0415  # Numba, only once all else is right
 
     frequency, damping = list(config.target.frequency), list(config.target.damping)
     spectrum, level = StatedTarget(frequency, damping).spectrum()
@@ -64,14 +64,14 @@ def _lost_pairs(config: DictConfig) -> Iterator[str]:
 def _truth(config: DictConfig) -> tuple[bool, bool]:
     """Whether any target of the truth has a pair, and whether any has a finite stiffness ratio."""
     from eigenode_cli.config.build import build_truth  # noqa: PLC0415  # as above
-    from eigenode_cli.data import TruthTarget  # noqa: PLC0415  # as above
+    from eigenode_cli.data.targets import TruthTarget  # noqa: PLC0415  # as above
 
     settings = config.system
     truth = build_truth(cast(SystemConfig, OmegaConf.to_object(settings)))
     times = np.linspace(0.0, settings.horizon, settings.points)
     try:
-        truth.states(times)
+        along = TruthTarget(truth, config.target.frequency_factor).rows(times)
     except ValueError:  # a system that cannot be solved is for the run to tell
         return True, True
-    targets = TruthTarget(truth, config.target.frequency_factor).rows(times[:: config.eigen.every])
+    targets = along.rows(np.arange(0, times.size, config.eigen.every))
     return bool(targets.pairs.any()), bool(np.isfinite(targets.stiffness).any())

@@ -7,7 +7,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.config.build import build_dataset, build_field, build_truth
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.data import TruthTarget
+from eigenode_cli.data.targets import TruthTarget
 from eigenode_cli.terms.user import load_user_terms, value_fault
 
 
@@ -23,7 +23,7 @@ def rehearse(config: DictConfig) -> Iterator[str]:
     except ValueError:  # the run says so
         return
     states = truth.states(series.times)
-    spectra = TruthTarget(truth).spectra(series.times[:: settings.eigen.every])
+    spectra = TruthTarget(truth).spectra(series.times)[:: settings.eigen.every]
     known = {
         "trajectory": torch.from_numpy(states).requires_grad_(),
         "spectra": torch.from_numpy(spectra).requires_grad_(),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -18,16 +19,19 @@ from eigenode_cli.config.build import (
 )
 from eigenode_cli.config.names import training_terms
 from eigenode_cli.config.schema import CompiledEngineConfig, LeastSquaresConfig, TrainConfig
-from eigenode_cli.data import Dataset, Estimate, Series, Target, Truth, reconstruct
+from eigenode_cli.data.dataset import Dataset, Series
+from eigenode_cli.data.reconstruct import Estimate, reconstruct
+from eigenode_cli.data.simulate import Truth
+from eigenode_cli.data.targets import Target
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_initial_states
+from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_initial_state
 from eigenode_cli.model.modes import fitted_matrix, modal_matrix, stated_pairs
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.user import UserTerm, load_user_terms
-from eigenode_cli.training.least_squares import term_units
+from eigenode_cli.training.least_squares import relative_scales
 from eigenode_cli.training.stages import build_phases
 from eigenode_cli.training.trainer import Phase
 
@@ -104,19 +108,15 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     problem = build_problem(config, series, estimate, target)
     samples = scaling_samples(config, truth, series, estimate)
     field = build_field(config.network, *samples, config.seed, initial_linear(config, problem, estimate))
-    guess = np.nan_to_num(estimate.states[0])[series.unknown]
     user_terms = load_user_terms(config.terms, training_terms(config), announce)
     engine = engine_of(config, field, problem, user_terms, announce)
-
-    def stage_engine(part: Problem) -> Engine:
-        return engine if part is problem else engine_of(config, field, part, user_terms)
-
+    rebuilt = partial(engine_of, config, field, user_terms=user_terms)
     blocks = block_slices(field, series.unknown.size)
     stages, scales = build_stages(config), gradient_scales(config)
     if isinstance(config.optimizer, LeastSquaresConfig):
-        scales = {name: scale / term_units(problem).get(name, 1.0) for name, scale in scales.items()}
-    phases = build_phases(stages, config.trainer.steps, problem, scales, stage_engine, blocks)
-    theta = with_initial_states(flat_parameters(field), [guess])
+        scales = relative_scales(scales, problem)
+    phases = build_phases(stages, config.trainer.steps, problem, scales, engine, rebuilt, blocks)
+    theta = with_initial_state(flat_parameters(field), series, estimate)
     return Setup(config, truth, dataset, target, problem, field, theta, engine, phases, (*NAMES, *user_terms))
 
 
@@ -125,7 +125,7 @@ def build_problem(config: TrainConfig, series: Series, estimate: Estimate, targe
     every = config.eigen.every
     return Problem(
         data=series,
-        targets=target.rows(series.times[::every]),
+        targets=target.rows(series.times).rows(np.arange(0, series.times.size, every)),
         terms=canonical(split_grads(config.grads)),
         every=every,
         states=estimate.states if estimate.complete else None,

@@ -2,7 +2,7 @@
 
 import importlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import Field, fields
 from typing import Any, cast
 
@@ -153,11 +153,18 @@ def _system(config: DictConfig) -> Iterator[str]:
         )
     if not system.observed:
         yield f"system.observed=[]: nothing is observed; choose from {', '.join(states)}"
-    for name in dict.fromkeys(system.observed):
+    for key in ("observed", "initial_known"):
+        yield from _state_names(f"system.{key}", system[key] or [], states)
+
+
+def _state_names(key: str, names: Iterable[str], states: list[str]) -> Iterator[str]:
+    """A list of states names some that there are, each once."""
+    given = list(names)
+    for name in dict.fromkeys(given):
         if name not in states:
-            yield f"system.observed={show(system.observed)}: {unknown('state', name, states)}"
-        elif list(system.observed).count(name) > 1:
-            yield f"system.observed={show(system.observed)}: state '{name}' is repeated; write it once"
+            yield f"{key}={show(names)}: {unknown('state', name, states)}"
+        elif given.count(name) > 1:
+            yield f"{key}={show(names)}: state '{name}' is repeated; write it once"
 
 
 def _hidden_states(config: DictConfig) -> Iterator[str]:
@@ -169,10 +176,6 @@ def _hidden_states(config: DictConfig) -> Iterator[str]:
         states = [state.name for state in build_system(OmegaConf.to_object(system)).states]
     except Exception:  # `_system` says so
         return
-    if system.initial_known is not None:
-        for name in dict.fromkeys(system.initial_known):
-            if name not in states:
-                yield f"system.initial_known={show(system.initial_known)}: {unknown('state', name, states)}"
     if not system.observed or not set(system.observed) <= set(states):
         return  # `_system` says so
     hidden_ones = _not_to_be_known(states, list(system.observed), config.network.structure)

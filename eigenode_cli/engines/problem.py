@@ -83,12 +83,6 @@ class Problem:
         sizes = self.data.sizes if self.states is None else np.nan_to_num(np.abs(self.states)).max(axis=0)
         return np.where(sizes > 0.0, sizes, 1.0)
 
-    def start(self, theta: Floats) -> Floats:
-        """Return the state that the model starts from `(n,)`, with the last parameters of `theta (P,)` in it."""
-        state, unknown = self.data.initial_state.copy(), self.data.unknown
-        state[unknown] = theta[theta.size - unknown.size :]
-        return state
-
     def until(self, fraction: float) -> "Problem":
         """Return the same problem over the leading `fraction` of the horizon, at least three data times of it."""
         times = self.data.times

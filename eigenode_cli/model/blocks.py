@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 from torch import nn
 
 from eigenode_cli.arrays import Floats
+from eigenode_cli.data.dataset import Series
+from eigenode_cli.data.reconstruct import Estimate
 from eigenode_cli.model.vector_field import VectorField
 
 NETWORK, LINEAR, INITIAL_STATE = "network", "linear", "initial_state"
@@ -53,6 +55,6 @@ def _size(module: nn.Module) -> int:
     return sum(parameter.numel() for parameter in module.parameters())
 
 
-def with_initial_states(theta: Floats, guesses: Sequence[Floats]) -> Floats:
-    """Return the parameters of a vector field with first guesses of unknown initial values behind them."""
-    return np.concatenate([theta, *guesses])
+def with_initial_state(theta: Floats, series: Series, estimate: Estimate) -> Floats:
+    """Return the parameters of a vector field with first guesses of the unknown initial values behind them."""
+    return np.concatenate([theta, np.nan_to_num(estimate.states[0])[series.unknown]])

@@ -14,7 +14,7 @@ from eigenode_cli.arrays import Floats
 from eigenode_cli.batch.run import DENSE
 from eigenode_cli.config.build import build_target
 from eigenode_cli.config.setup import Setup, build, engine_of
-from eigenode_cli.data import Truth, simulate
+from eigenode_cli.data.simulate import Truth, simulate
 from eigenode_cli.engines.base import unheard
 from eigenode_cli.reproduce.measures import COST_FILE, TEST_FILE, TIGHT_FILE
 from eigenode_cli.reproduce.planned_runs import Unit
@@ -83,7 +83,7 @@ def measure_test(unit: Unit) -> None:
     times = setup.problem.data.times
     later = Truth(setup.truth.system, tuple(setup.truth.states(times)[-1].tolist()))
     data = simulate(later, times, system.observed).series[0]
-    targets = build_target(unit.config.target, later).rows(times[:: setup.problem.every])
+    targets = build_target(unit.config.target, later).rows(times).rows(setup.problem.spectral_index)
     problem = replace(setup.problem, terms=("sol",), data=data, targets=targets, states=None, stabilise=False)
     evaluation = engine_of(unit.config, setup.field, problem).evaluate(theta, data.times)
     trained = setup.engine.evaluate(theta, times)

@@ -6,7 +6,8 @@ import numpy as np
 import torch
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.data import Target, Truth
+from eigenode_cli.data.simulate import Truth
+from eigenode_cli.data.targets import Target
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField

@@ -6,7 +6,7 @@ One damping for all parameters works.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -189,8 +189,6 @@ class Iteration:
             (0 not yet), steps accepted and rejected so far, last gain ratio, norm of the gradient, ridge `(8,)`.
     """
 
-    NAMES = ("damping", "gain_ratio", "gradient_norm")
-
     def __init__(self, damping: float, tolerance: float, ridge: float = 0.0) -> None:
         self._first, self._tolerance = damping, tolerance
         self.memory = np.zeros(8)
@@ -207,13 +205,18 @@ class Iteration:
         return float(self.memory[RIDGE])
 
     @property
+    def ended(self) -> bool:
+        """Whether it changes nothing any more until it is restarted."""
+        return bool(self.memory[2] > 0.0)
+
+    @property
     def converged(self) -> bool:
         """Whether the last step met the tolerance."""
         return bool(self.memory[2] == CONVERGED)
 
     @property
     def records(self) -> dict[str, float]:
-        """What is recorded of it, by the names of `NAMES`."""
+        """What is recorded of it, by column."""
         return {"damping": self.memory[0], "gain_ratio": self.memory[5], "gradient_norm": self.memory[6]}
 
     def step(self, theta: Floats, here: Squares, value: Callable[[Floats], float]) -> None:
@@ -227,7 +230,7 @@ class Iteration:
         memory, size = self.memory, float(np.linalg.norm(here.gradient))
         memory[6] = size
         mean = float(np.trace(here.normal)) / theta.size
-        if memory[2] > 0.0:
+        if self.ended:
             return
         if size == 0.0 or mean == 0.0:
             memory[2] = CONVERGED
@@ -281,6 +284,12 @@ def term_units(problem: Problem) -> dict[str, float]:
         "osc": angular,
         "stf": _mean_square(ratio),
     }
+
+
+def relative_scales(scales: Mapping[str, float], problem: Problem) -> dict[str, float]:
+    """Return the scales of terms by name, each divided by its term's unit."""
+    units = term_units(problem)
+    return {name: scale / units.get(name, 1.0) for name, scale in scales.items()}
 
 
 def _mean_square(values: Floats) -> float:

@@ -108,6 +108,9 @@ class Optimizer:
         TypeError: there is no such method.
     """
 
+    label = "the optimizer"
+    """Name in messages."""
+
     def __init__(self, method: Method, parameters: int) -> None:
         self._method = method
         self.count = np.zeros(1)
@@ -139,18 +142,24 @@ class Optimizer:
         """What is recorded of it besides the learning rate, by column."""
         return {}
 
+    @property
+    def convergence(self) -> str | None:
+        """Why it has converged by a rule of its own, None where it has not."""
+        return None
+
 
 class SearchOptimizer(Optimizer, ABC):
-    """Optimizes a function as a whole, one iteration at a call; Adam's update leads out of where it has no value."""
+    """Optimizes a function as a whole, one iteration at a call; Adam's update leads out of where it has no value.
 
-    label: str
-    """Name in messages."""
-    convergence: str | None = None
-    """Why it has converged by its own rule, None where it has not."""
+    Args:
+        method: its constants.
+        parameters: P.
+        switch: number of the first training step that is such an iteration; Adam takes those before.
+    """
 
-    @abstractmethod
-    def searches(self, step: int) -> bool:
-        """Whether training step `step` is an iteration on the whole function."""
+    def __init__(self, method: Method, parameters: int, switch: int) -> None:
+        super().__init__(method, parameters)
+        self.switch = switch
 
     @abstractmethod
     def objective(
@@ -168,7 +177,7 @@ class SearchOptimizer(Optimizer, ABC):
 
     def lr(self, step: int) -> float:
         """Return the learning rate of Adam; NaN where it does not take the step."""
-        return math.nan if self.searches(step) else self.adam_lr(step)
+        return math.nan if step >= self.switch else self.adam_lr(step)
 
     def adam_lr(self, step: int) -> float:
         """Return the learning rate of Adam at any step."""
@@ -179,21 +188,15 @@ class AdamBfgsOptimizer(SearchOptimizer):
     """Adam first, then BFGS: the first passes jumps and kinks of the terms, the second converges.
 
     Attributes:
-        switch: number of the first training step of BFGS.
         bfgs: the second part.
     """
 
     label = "BFGS"
 
     def __init__(self, method: AdamBfgs, parameters: int) -> None:
-        super().__init__(method, parameters)
-        self.switch = method.adam_steps
+        super().__init__(method, parameters, method.adam_steps)
         self.bfgs = Bfgs(parameters)
         self._state |= self.bfgs.state()
-
-    def searches(self, step: int) -> bool:
-        """See `SearchOptimizer.searches`."""
-        return step >= self.switch
 
     def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None, last: bool) -> Objective:
         """See `SearchOptimizer.objective`."""
@@ -226,15 +229,15 @@ class LeastSquaresOptimizer(SearchOptimizer):
     label = "Levenberg-Marquardt"
 
     def __init__(self, method: LevenbergMarquardt, parameters: int, network: int) -> None:
-        super().__init__(method, parameters)
+        super().__init__(method, parameters, switch=0)
         self._constants = method
         self._penalised = np.arange(parameters) < network
         self.iteration = Iteration(method.damping, method.tolerance, method.ridge)
         self._state |= {"iteration": self.iteration.memory}
 
     @property
-    def convergence(self) -> str | None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """See `SearchOptimizer.convergence`."""
+    def convergence(self) -> str | None:
+        """See `Optimizer.convergence`."""
         if not self.iteration.converged:
             return None
         return f"a step lowers the sum of squares by less than {self._constants.tolerance:g} of it"
@@ -243,10 +246,6 @@ class LeastSquaresOptimizer(SearchOptimizer):
     def records(self) -> dict[str, float]:
         """See `Optimizer.records`."""
         return self.iteration.records
-
-    def searches(self, step: int) -> bool:
-        """See `SearchOptimizer.searches`."""
-        return step >= 0
 
     def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None, last: bool) -> LeastSquares:
         """See `SearchOptimizer.objective`."""
@@ -262,9 +261,9 @@ class LeastSquaresOptimizer(SearchOptimizer):
         objective.ridge = self.iteration.ridge
         here = objective.at(theta)
         if math.isfinite(here.value):
-            ridge = objective.evidence_ridge(theta) if objective.evidence else objective.ridge
+            if objective.evidence and not self.iteration.ended:
+                self.iteration.memory[RIDGE] = objective.evidence_ridge(theta)
             self.iteration.step(theta, here, objective.value)
-            self.iteration.memory[RIDGE] = ridge
         else:
             self.restart()
             learn(update, theta, objective.engine.loss_jacobian(theta).gradients, self.adam_lr(step))

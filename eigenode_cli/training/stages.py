@@ -63,6 +63,7 @@ def build_phases(
     steps: int,
     problem: Problem,
     scales: Mapping[str, float],
+    whole: Engine,
     engine_of: Callable[[Problem], Engine],
     blocks: Mapping[str, slice] | None = None,
 ) -> tuple[Phase, ...]:
@@ -73,7 +74,8 @@ def build_phases(
         steps: training steps in all.
         problem: over the whole horizon, with the terms of the training.
         scales: factor of each term's gradient by name.
-        engine_of: the engine of a problem.
+        whole: engine of `problem`.
+        engine_of: builds the engine of another problem.
         blocks: where each block of parameters stands in theta.
 
     Raises:
@@ -86,9 +88,17 @@ def build_phases(
         factors, shares = np.array([scales[term] for term in part.terms]), len(stage.horizons)
         for number, fraction in enumerate(stage.horizons):
             first = start - (-number * length // shares)
-            phases.append(Phase(first, _engine(stage, part, fraction, engine_of), factors, trained))
+            usual = stage.solve and part is problem and fraction == 1.0 and not _apart(stage, part)
+            engine = whole if usual else _engine(stage, part, fraction, engine_of)
+            phases.append(Phase(first, engine, factors, trained))
         start += length
     return tuple(phases)
+
+
+def _apart(stage: Stage, problem: Problem) -> bool:
+    """Whether a stage takes its spectral terms apart from the others."""
+    spectral = set(problem.terms) & set(SPECTRAL)
+    return stage.spectra == "data" and bool(spectral) and spectral != set(problem.terms)
 
 
 def _engine(stage: Stage, problem: Problem, fraction: float, engine_of: Callable[[Problem], Engine]) -> Engine:
@@ -96,9 +106,9 @@ def _engine(stage: Stage, problem: Problem, fraction: float, engine_of: Callable
     if not stage.solve:
         return engine_of(problem.unsolved())
     part = problem if fraction == 1.0 else problem.until(fraction)
+    if not _apart(stage, problem):
+        return engine_of(part)
     spectral = tuple(term for term in problem.terms if term in SPECTRAL)
     rest = tuple(term for term in problem.terms if term not in SPECTRAL)
-    if stage.spectra == "trajectory" or not (spectral and rest):
-        return engine_of(part)
     at_data = engine_of(replace(problem.unsolved(), terms=spectral))
     return SplitEngine(problem.terms, engine_of(replace(part, terms=rest)), at_data, problem.stabilise)

@@ -18,7 +18,7 @@ from eigenode_cli.interruption import check
 from eigenode_cli.solve.status import SOLVED, Status
 from eigenode_cli.training.ending import DIVERGED, RUNNING, SMALLER, STALLED, Ending, judge
 from eigenode_cli.training.least_squares import LeastSquares
-from eigenode_cli.training.optimizers import AdamBfgsOptimizer, Optimizer, SearchOptimizer, build_update
+from eigenode_cli.training.optimizers import Optimizer, SearchOptimizer, build_update
 from eigenode_cli.training.progress import Progress, Snapshot
 from eigenode_cli.training.total_loss import Objective, stationary
 
@@ -266,22 +266,12 @@ class Trainer:
             self._end(STALLED, f"from step {since} on the solve fails ({status.label}) and no gradient acts; {advice}")
         elif not np.isfinite(here.gradient).all():
             self._end(DIVERGED, f"from step {since} on no gradient is finite; {SMALLER}")
-        elif self._convergence is not None or stationary(here.gradient, self.theta, size):
+        elif self.optimizer.convergence is not None or stationary(here.gradient, self.theta, size):
             self.progress.converged_at = since
-            self.display.say(f"step {since}: converged, {self._convergence or 'nothing changes from here on'}")
+            self.display.say(f"step {since}: converged, {self.optimizer.convergence or 'nothing changes from here on'}")
         else:
-            self._end(
-                STALLED, f"from step {since} on {self._label} finds no lower point, though there is a slope; {SMOOTHER}"
-            )
-
-    @property
-    def _convergence(self) -> str | None:
-        """Why the optimizer says that it has converged, None where it does not."""
-        return self.optimizer.convergence if isinstance(self.optimizer, SearchOptimizer) else None
-
-    @property
-    def _label(self) -> str:
-        return self.optimizer.label if isinstance(self.optimizer, SearchOptimizer) else "the optimizer"
+            stuck = f"from step {since} on {self.optimizer.label} finds no lower point, though there is a slope"
+            self._end(STALLED, f"{stuck}; {SMOOTHER}")
 
     def _size(self, phase: Phase) -> float:
         """Scaled SOL of a model that stays at zero, which is how large the data are; 0 where SOL does not train."""
@@ -317,12 +307,12 @@ class Trainer:
 
     def _part(self, step: int) -> tuple[int, bool]:
         """Number of the phase that a step belongs to, and whether it is an iteration on the whole function."""
-        return self._phase(step), isinstance(self.optimizer, SearchOptimizer) and self.optimizer.searches(step)
+        return self._phase(step), step >= self._switch
 
     @property
     def _switch(self) -> int:
-        """Number of the first step of BFGS; beyond the last one for other optimizers."""
-        return self.optimizer.switch if isinstance(self.optimizer, AdamBfgsOptimizer) else self.options.steps
+        """Number of the first iteration on the whole function; beyond the last step where there is none."""
+        return self.optimizer.switch if isinstance(self.optimizer, SearchOptimizer) else self.options.steps
 
     def _event_after(self, step: int) -> int:
         """The next step before which something is written or changes; the first is one."""

@@ -31,6 +31,8 @@ WRONG = [
         "stages.0.horizon=[1]: unknown setting 'stages.0.horizon', did you mean stages.0.horizons",
     ),
     ("train stages=[{horizon:[1]}]", "stages=[{horizon:[1]}]: "),
+    ("train system.initial_known=[x]", "system.initial_known=[x]: unknown state 'x'; choose from nu, nu_dot"),
+    ("train system.initial_known=[nu,nu]", "system.initial_known=[nu,nu]: state 'nu' is repeated; write it once"),
     ("train stages=[]", "stages=[]: nothing is trained; write at least stages=[{horizons:[1.0]}]"),
     ("train stages=[{spectra:here}]", "stages.0.spectra=here: unknown name 'here'; choose from trajectory, data"),
     ("train stages=[{trained:[linear]}]", "stages.0.trained=[linear]: there is no such block; this run has network"),

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from eigenode_cli.data import Dataset, Series, Truth, reconstruct, simulate
+from eigenode_cli.data.dataset import Dataset, Series
+from eigenode_cli.data.reconstruct import reconstruct
+from eigenode_cli.data.simulate import Truth, simulate
 from eigenode_cli.systems import Oscillator
 
 TIMES = np.linspace(0.0, 4.0, 81)

@@ -7,7 +7,8 @@ import torch
 from eigenode_cli.arrays import Floats
 from eigenode_cli.config.build import build_field
 from eigenode_cli.config.schema import MlpConfig
-from eigenode_cli.data import Series, targets_of_spectra
+from eigenode_cli.data.dataset import Series
+from eigenode_cli.data.targets import targets_of_spectra
 from eigenode_cli.engines.base import LossJacobian
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.factory import shape_of

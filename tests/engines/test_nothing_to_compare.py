@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eigenode_cli.data import StatedTarget, Targets, targets_of_spectra
+from eigenode_cli.data.targets import StatedTarget, Targets, targets_of_spectra
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.factory import shape_of

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from eigenode_cli.config.compose import compose, typed
+from eigenode_cli.config.setup import build
 from tests.conftest import make_case
 
 
@@ -32,3 +34,11 @@ def test_far_states_of_a_failed_solve_stay_out() -> None:
     reached[5:] *= 1e3
     assert problem.stabilising_rows(reached).tolist() == [0, 1, 2, 3, 4]
     assert problem.stabilising_rows(reached[:1]).tolist() == [0]
+
+
+def test_fewer_spectra_have_the_same_targets_to_the_last_bit() -> None:
+    """They are rows of those at all data times, from one solution of the truth."""
+    each, fourth = (build(typed(compose(["system=vdp", f"eigen.every={k}"]))).problem.targets for k in (1, 4))
+    assert fourth.frequency.tobytes() == each.frequency[::4].tobytes()
+    assert fourth.damping.tobytes() == each.damping[::4].tobytes()
+    assert fourth.stiffness.tobytes() == each.stiffness[::4].tobytes()

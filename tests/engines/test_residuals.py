@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from eigenode_cli.data import Series
+from eigenode_cli.data.dataset import Series
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.factory import shape_of

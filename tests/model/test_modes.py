@@ -5,7 +5,9 @@ import pytest
 
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.setup import build
-from eigenode_cli.data import Estimate, StatedTarget, Truth, TruthTarget
+from eigenode_cli.data.reconstruct import Estimate
+from eigenode_cli.data.simulate import Truth
+from eigenode_cli.data.targets import StatedTarget, TruthTarget
 from eigenode_cli.model.modes import fitted_matrix, modal_matrix, stated_pairs
 from eigenode_cli.systems import VanDerPol
 

@@ -6,7 +6,8 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from eigenode_cli.data import StatedTarget, Targets, Truth, TruthTarget, targets_of_spectra
+from eigenode_cli.data.simulate import Truth
+from eigenode_cli.data.targets import StatedTarget, Targets, TruthTarget, targets_of_spectra
 from eigenode_cli.spectra.pairs import ROUNDING, assign_rows, find_partners, rounding_levels, without_rounding
 from eigenode_cli.systems import Oscillator
 from eigenode_cli.terms.torch_terms import spectral_values

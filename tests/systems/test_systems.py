@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from eigenode_cli.config.plugins import GROUPS, load_class
-from eigenode_cli.data import Series, StatedTarget, Truth, TruthTarget, simulate, targets_of_spectra
+from eigenode_cli.data.dataset import Series
+from eigenode_cli.data.simulate import Truth, simulate
+from eigenode_cli.data.targets import StatedTarget, TruthTarget, targets_of_spectra
 from eigenode_cli.systems import Oscillator, System, VanDerPol
 
 OSCILLATOR = Oscillator(m=2.0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
-from eigenode_cli.data import Targets, targets_of_spectra
+from eigenode_cli.data.targets import Targets, targets_of_spectra
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values

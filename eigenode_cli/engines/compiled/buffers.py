@@ -110,6 +110,11 @@ def fixed_steps(step: float, start: float, end: float) -> Floats:
     return steps
 
 
+def given_steps(step: float, times: Floats) -> Floats:
+    """Return the steps of a solve over `times` by a method of that step size, none for adaptive steps (step 0)."""
+    return NO_STEPS if step == 0.0 else fixed_steps(step, float(times[0]), float(times[-1]))
+
+
 class Room:
     """Room for the steps of a solve.
 

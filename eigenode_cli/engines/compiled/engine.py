@@ -24,7 +24,7 @@ from eigenode_cli.engines.compiled.buffers import (
     Owner,
     Room,
     build_core,
-    fixed_steps,
+    given_steps,
     solver_method,
     term_codes,
 )
@@ -85,7 +85,7 @@ class CompiledEngine:
         )
         self._times = problem.data.times
         self._spectra_shape = (problem.spectral_index.size, shape.sizes[0])
-        self._given = self._given_steps(self._times)
+        self._given = given_steps(self._step, self._times)
         self._room = self._make_room(self._given.size or min(FIRST_CAPACITY, self._method.max_steps))
         self._dense_room: Room | None = None
         self._kernels = Kernels(self._signature, announce)
@@ -215,7 +215,7 @@ class CompiledEngine:
 
         Returns how it ended, and the states `(D, n)` at `outputs (1 + D,)` but for the first, the initial state's.
         """
-        given, dense = self._given_steps(outputs), np.empty((outputs.size, self._core.net.n))
+        given, dense = given_steps(self._step, outputs), np.empty((outputs.size, self._core.net.n))
         while True:
             room = self._room_of(outputs.size, given.size)
             status, ending = kernel.evaluate(
@@ -290,9 +290,6 @@ class CompiledEngine:
         """New arrays for a trajectory `(N, n)` and its spectra `(T, n)`."""
         n = self._core.net.n
         return np.empty((self._times.size, n)), np.empty(self._spectra_shape, dtype=np.complex128)
-
-    def _given_steps(self, times: Floats) -> Floats:
-        return NO_STEPS if self._step == 0.0 else fixed_steps(self._step, float(times[0]), float(times[-1]))
 
     def _make_room(self, capacity: int) -> Room:
         return Room(self._core.net, self._method, capacity, self._times.size, recorded=True)

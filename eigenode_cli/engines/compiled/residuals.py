@@ -14,7 +14,7 @@ from eigenode_cli.engines.compiled.buffers import (
     Owner,
     Room,
     build_core,
-    fixed_steps,
+    given_steps,
     solver_method,
     term_codes,
 )
@@ -45,8 +45,7 @@ class CompiledResiduals:
         self._problem = problem
         self._owner = Owner()
         self._method, step = solver_method(self._owner, problem.solver)
-        times = problem.data.times
-        self._given = fixed_steps(step, float(times[0]), float(times[-1])) if step > 0.0 else NO_STEPS
+        self._given = given_steps(step, problem.data.times)
         self._codes = term_codes(problem.terms)
         self._core, self._shared = build_core(
             self._owner, shape, problem, self._method, len(problem.terms), 0, True, columns=LINE

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.data import targets_of_spectra
+from eigenode_cli.data.targets import targets_of_spectra
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver

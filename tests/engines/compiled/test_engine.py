@@ -10,7 +10,8 @@ import pytest
 import torch
 from scipy.integrate import solve_ivp
 
-from eigenode_cli.engines.compiled.engine import FIRST_CAPACITY, CompiledEngine, fixed_steps
+from eigenode_cli.engines.compiled.buffers import FIRST_CAPACITY, fixed_steps
+from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TSIT5

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from eigenode_cli.data import Series
+from eigenode_cli.data.dataset import Series
 from eigenode_cli.reporting.figures.convergence import convergence_numbers, tenth_of_average
 from eigenode_cli.reporting.figures.eigenvalues import eigenvalue_numbers
 from eigenode_cli.reporting.figures.phase import phase_numbers
