@@ -8,9 +8,9 @@ from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
-import diffrax
-import jax
-import jax.numpy as jnp
+import diffrax  # pyright: ignore[reportMissingImports]  # of the extra `bench`
+import jax  # pyright: ignore[reportMissingImports]
+import jax.numpy as jnp  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from eigenode_cli.bench.case import ATOL, RTOL, Case
