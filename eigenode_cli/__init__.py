@@ -19,11 +19,14 @@ PUBLIC = {
     **dict.fromkeys(("VectorField", "Mlp", "Polynomial", "flat_parameters", "load_flat"), "model"),
     **dict.fromkeys(("Problem",), "engines.problem"),
     **dict.fromkeys(("build_engine",), "engines.factory"),
-    **dict.fromkeys(("Adam", "AdamBfgs", "LevenbergMarquardt", "Sgd"), "training.optimizers"),
+    **dict.fromkeys(("Adam", "AdamBfgs", "LevenbergMarquardt", "OwnMethod", "Sgd"), "training.methods"),
+    **dict.fromkeys(("Schedule", "Exponential", "Cosine", "Plateau"), "training.schedules"),
+    **dict.fromkeys(("Tableau", "explicit"), "solve.tableau"),
     **dict.fromkeys(("Stage",), "training.stages"),
     **dict.fromkeys(("AdaptiveSolver", "FixedStepSolver"), "solve.settings"),
     **dict.fromkeys(("eig", "eigvals"), "spectra.eig"),
     **dict.fromkeys(("track",), "spectra.tracking"),
+    **dict.fromkeys(("train", "load_run", "RecordedRun", "Comparison"), "recorded"),
     **dict.fromkeys(("Fit", "fit", "modal_field"), "fitting"),
 }
 """The public names, and where each is defined."""

@@ -60,6 +60,7 @@ def _config_dir_argument(parser: argparse.ArgumentParser) -> None:
 
 def _resume_arguments(parser: argparse.ArgumentParser) -> None:
     _run_argument(parser)
+    parser.add_argument("words", metavar="KEY=VALUE", nargs="*", help="for example trainer.steps=10000, to go further")
     _config_dir_argument(parser)
 
 
@@ -94,6 +95,18 @@ def _report(args: argparse.Namespace) -> int:
     from eigenode_cli.commands.runs import report  # noqa: PLC0415
 
     return report(args)
+
+
+def _evaluate_arguments(parser: argparse.ArgumentParser) -> None:
+    from eigenode_cli.commands.evaluate import add_arguments  # noqa: PLC0415
+
+    add_arguments(parser)
+
+
+def _evaluate(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.evaluate import evaluate  # noqa: PLC0415
+
+    return evaluate(args)
 
 
 def _reproduce_arguments(parser: argparse.ArgumentParser) -> None:
@@ -135,7 +148,8 @@ def _validate(args: argparse.Namespace) -> int:
 COMMANDS: tuple[Command, ...] = (
     Command("train", "one training run, or a sweep of them with -m", _train_arguments, _train),
     Command("reproduce", "the paper: its runs, figures and claims, checked", _reproduce_arguments, _reproduce),
-    Command("resume", "go on with a run where it stopped", _resume_arguments, _resume),
+    Command("evaluate", "a trained model from another initial state or horizon", _evaluate_arguments, _evaluate),
+    Command("resume", "go on with a run where it stopped, or further", _resume_arguments, _resume),
     Command("plot", "draw a run's figures again, from its files", _run_argument, _plot),
     Command("report", "write a run's page again, from its files", _run_argument, _report),
     Command("bench", "timings against peers, as ratios", _bench_arguments, _bench),

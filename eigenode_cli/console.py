@@ -1,16 +1,23 @@
-"""What a person sees while a run goes on: a bar with the current losses on a terminal, plain lines in a pipe."""
+"""What a person sees: progress as a bar on a terminal and plain lines in a pipe, tables, numbers in text."""
 
 import math
 import re
 import sys
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Protocol, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
 
 LINES = 20
-"""About as many plain lines a run writes into a pipe."""
+"""About as many plain lines of progress go into a pipe."""
+NOTHING = "\N{EN DASH}"
+"""Stands where there is no number."""
+LONGEST_WHOLE = 1e6
+"""Numbers from a thousand up to this one are written without an exponent."""
 
 
 class Display(Protocol):
@@ -36,6 +43,49 @@ def describe(losses: dict[str, float]) -> str:
     return "  ".join(f"{name} -" if math.isnan(value) else f"{name} {value:.3g}" for name, value in losses.items())
 
 
+def number(value: float | None) -> str:
+    """A number of text or a table: three significant digits, whole from a thousand on, a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    return f"{value:.0f}" if 1000.0 <= abs(value) < LONGEST_WHOLE else f"{value:.3g}"
+
+
+def spread(low: float, middle: float, high: float) -> str:
+    """A median with its quartiles, `0.5 [0.4, 0.7]`; the median alone where they are equal or there are none."""
+    if low == high or not math.isfinite(middle):
+        return number(middle)
+    return f"{number(middle)} [{number(low)}, {number(high)}]"
+
+
+def show_table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", right: Sequence[str] = ()
+) -> None:
+    """Print a table: wrapped to the width of a terminal, a line a row in a pipe.
+
+    Args:
+        header: titles of the columns; none where it is empty.
+        rows: texts of the cells.
+        title: a line above.
+        right: columns whose texts are flush right.
+    """
+    console = Console()
+    table = Table(box=None, header_style="bold", show_header=bool(header), pad_edge=False, padding=(0, 2, 0, 0))
+    for index in range(max(len(header), *map(len, rows))):
+        name = header[index] if header else ""
+        table.add_column(name, justify="right" if name in right else "left", no_wrap=not console.is_terminal)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    if not console.is_terminal:
+        console = Console(
+            width=1 + sum(2 + max(map(len, texts)) for texts in zip(header or rows[0], *rows, strict=True))
+        )
+    if title:
+        print(f"\n{title}")
+    with console.capture() as capture:
+        console.print(table)
+    print("\n".join(line.rstrip() for line in capture.get().splitlines()))
+
+
 def counted(count: int, thing: str) -> str:
     """How many there are: 1 seed, 2 seeds."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
@@ -58,21 +108,35 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
-class BarDisplay:
-    """A progress bar with time left and current losses, for terminals."""
+class Counter(Protocol):
+    """Counts what is done of something long; used as a context manager."""
 
-    def __init__(self, label: str, start: int, steps: int) -> None:
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def show(self, done: int, text: str = "", left: float | None = None) -> None:
+        """So many are done; `text` says more, `left` is an estimate of the time that is left in s."""
+        ...
+
+    def say(self, message: str) -> None:
+        """One line that must not be lost."""
+        ...
+
+
+class BarCounter:
+    """A progress bar, for terminals."""
+
+    def __init__(self, label: str, total: int, start: int = 0) -> None:
+        columns = ("{task.description}", "{task.fields[text]}", "{task.fields[left]}")
+        label_column, text_column, left_column = map(TextColumn, columns)
         self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[losses]}"),
+            *(label_column, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), left_column, text_column),
             console=Console(),
         )
-        self._task = self._progress.add_task(label, total=steps, completed=start, losses="")
+        self._task = self._progress.add_task(label, total=total, completed=start, text="", left="")
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -83,24 +147,22 @@ class BarDisplay:
     ) -> None:
         self._progress.stop()
 
-    def record(self, step: int, losses: dict[str, float], rate: float | None) -> None:
-        """See `Display.record`."""
-        del rate  # the bar estimates the time left by itself
-        self._progress.update(self._task, completed=step, losses=describe(losses))
+    def show(self, done: int, text: str = "", left: float | None = None) -> None:
+        """See `Counter.show`."""
+        remaining = "" if left is None else f"{duration(left)} left"
+        self._progress.update(self._task, completed=done, text=text, left=remaining)
 
     def say(self, message: str) -> None:
-        """See `Display.say`."""
+        """See `Counter.say`."""
         self._progress.console.print(message, markup=False, highlight=False)
 
 
-class LineDisplay:
-    """Plain lines, about twenty a run, for pipes and files."""
+class LineCounter:
+    """Plain lines, about twenty in all, for pipes and files."""
 
-    def __init__(self, label: str, start: int, steps: int) -> None:
-        self._label = label
-        self._steps = steps
-        self._next = start
-        self._every = max(1, steps // LINES)
+    def __init__(self, label: str, total: int, start: int = 0) -> None:
+        self._label, self._total = label, total
+        self._next, self._every = start, max(1, total // LINES)
 
     def __enter__(self) -> Self:
         return self
@@ -110,17 +172,51 @@ class LineDisplay:
     ) -> None:
         sys.stdout.flush()
 
+    def show(self, done: int, text: str = "", left: float | None = None) -> None:
+        """See `Counter.show`."""
+        if done < self._next and done != self._total:
+            return
+        self._next = done + self._every
+        remaining = "" if left is None or done == self._total else f"  ({duration(left)} left)"
+        self.say(f"{self._label} {done}/{self._total}  {text}{remaining}".rstrip())
+
+    def say(self, message: str) -> None:
+        """See `Counter.say`."""
+        print(message, flush=True)
+
+
+def counter(label: str, total: int, start: int = 0) -> Counter:
+    """The counter that fits standard output.
+
+    Args:
+        label: what is counted.
+        total: how many there are; start: how many of them were done before.
+    """
+    return BarCounter(label, total, start) if sys.stdout.isatty() else LineCounter(label, total, start)
+
+
+class RunDisplay:
+    """The progress of one run, on a counter of its steps."""
+
+    def __init__(self, steps: int, counter: Counter) -> None:
+        self._steps, self._counter = steps, counter
+
+    def __enter__(self) -> Self:
+        self._counter.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._counter.__exit__(kind, error, trace)
+
     def record(self, step: int, losses: dict[str, float], rate: float | None) -> None:
         """See `Display.record`."""
-        if step < self._next and step != self._steps:
-            return
-        self._next = step + self._every
-        left = "" if rate is None or step == self._steps else f"  ({duration(rate * (self._steps - step))} left)"
-        self.say(f"{self._label}  step {step}/{self._steps}  {describe(losses)}{left}")
+        self._counter.show(step, describe(losses), None if rate is None else rate * (self._steps - step))
 
     def say(self, message: str) -> None:
         """See `Display.say`."""
-        print(message, flush=True)
+        self._counter.say(message)
 
 
 class QuietDisplay:
@@ -141,5 +237,5 @@ class QuietDisplay:
 
 
 def display(label: str, start: int, steps: int) -> Display:
-    """The display that fits standard output."""
-    return BarDisplay(label, start, steps) if sys.stdout.isatty() else LineDisplay(label, start, steps)
+    """The display of a run that fits standard output."""
+    return RunDisplay(steps, counter(f"{label}  step", steps, start))

@@ -1,7 +1,7 @@
 """A training in memory, for scripts and notebooks: no folder, no printing, no settings of the process."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,17 +20,20 @@ from eigenode_cli.engines.base import Engine, Evaluation
 from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, scale_output, with_initial_state
+from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, scale_output, with_initial_states
 from eigenode_cli.model.modes import modal_matrix, stated_pairs
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
 from eigenode_cli.terms import NAMES, canonical
 from eigenode_cli.terms.errors import MSE
 from eigenode_cli.training.ending import Ending
 from eigenode_cli.training.least_squares import relative_scales
-from eigenode_cli.training.optimizers import LevenbergMarquardt, Method, build_optimizer
+from eigenode_cli.training.methods import LevenbergMarquardt, Method, OwnMethod
+from eigenode_cli.training.optimizers import build_optimizer
+from eigenode_cli.training.options import TrainerOptions
 from eigenode_cli.training.progress import Progress, Snapshot
+from eigenode_cli.training.schedules import Schedule
 from eigenode_cli.training.stages import Stage, build_phases
-from eigenode_cli.training.trainer import Trainer, TrainerOptions
+from eigenode_cli.training.trainer import Trainer
 
 SMOOTH = AdaptiveSolver(rtol=1e-6, atol=1e-7)
 """Solver whose noise lies below what least squares compares."""
@@ -80,10 +83,10 @@ class _Memory:
     def __init__(self) -> None:
         self.rows: list[dict[str, Any]] = []
 
-    def record(
+    def describe(
         self, progress: Progress, lr: float, evaluation: Evaluation, monitored: Mapping[str, float]
     ) -> dict[str, Any]:
-        """See `training.trainer.Recorder.record`."""
+        """See `training.trainer.Recorder.describe`."""
         real = evaluation.spectra.real
         row = {
             "step": progress.step,
@@ -93,8 +96,11 @@ class _Memory:
             "status": evaluation.status.label,
             **monitored,
         }
-        self.rows.append(row)
         return row | {"dense_error": float("nan")}
+
+    def record(self, row: dict[str, Any]) -> None:
+        """See `training.trainer.Recorder.record`."""
+        self.rows.append({name: value for name, value in row.items() if name != "dense_error"})
 
     def checkpoint(self, step: int, network: dict[str, Any]) -> Path:
         """See `training.trainer.Recorder.checkpoint`; there is none."""
@@ -111,7 +117,8 @@ def fit(
     target: Target,
     terms: Sequence[str] = ("sol",),
     scales: Mapping[str, float] | None = None,
-    method: Method | None = None,
+    method: Method | OwnMethod | None = None,
+    schedule: Schedule | None = None,
     stages: Sequence[Stage] = GROWING,
     steps: int = 250,
     solver: Solver = SMOOTH,
@@ -122,40 +129,41 @@ def fit(
 
     Args:
         field: with its initial parameters.
-        data: the measurements; of a dataset the first trajectory.
+        data: the measurements; all trajectories train together, each from its own initial state.
         target: what the spectral terms compare with.
         terms: names of those that train, some of sol, frq, dmp, stb, osc, stf.
         scales: factor of each term by name, 1 where none is given; with least squares relative to the term's unit.
-        method: the optimizer's; Levenberg-Marquardt by default.
+        method, schedule: of the optimizer; Levenberg-Marquardt, and a constant rate, by default.
         stages: of the training.
-        steps, record_every: training steps in all, and between rows of the metrics.
-        solver: of the vector field.
+        steps, record_every: training steps in all, and between rows of the metrics; solver: of the vector field.
         engine: compiled | torch | auto.
 
     Raises:
         ValueError: a term, a stage or an engine does not exist or does not fit.
     """
-    series = data if isinstance(data, Series) else data.series[0]
+    every = _trajectories(data)
     method = LevenbergMarquardt(ridge=1e-8, evidence=True) if method is None else method
-    estimate = reconstruct(series, field.structure)
-    problem = _problem(series, estimate, target, terms, solver)
+    estimates = [reconstruct(series, field.structure) for series in every]
+    first, *rest = [_problem(one, found, target, terms, solver) for one, found in zip(every, estimates, strict=True)]
+    problem = replace(first, others=tuple(rest))
     factors: dict[str, float] = dict.fromkeys(NAMES, 1.0) | dict(scales or {})
     if isinstance(method, LevenbergMarquardt):
         factors = relative_scales(factors, problem)
-    theta = with_initial_state(flat_parameters(field), series, estimate)
-    whole = build_engine(field, problem, engine=engine)
+    theta = with_initial_states(flat_parameters(field), every, estimates)
+    memory, whole = _Memory(), build_engine(field, problem, engine=engine)
     rebuilt = partial(build_engine, field, engine=engine)
-    blocks, memory = block_slices(field, series.unknown.size), _Memory()
+    blocks = block_slices(field, sum(one.unknown.size for one in every))
     trainer = Trainer(
         engine=whole,
         phases=build_phases(stages, steps, problem, factors, whole, rebuilt, blocks),
-        optimizer=build_optimizer(method, theta.size, blocks["network"].stop),
+        optimizer=build_optimizer(method, theta.size, blocks["network"].stop, schedule or Schedule()),
         combination=COMBINATIONS["sequential"],
         terms=problem.terms,
-        options=TrainerOptions(steps=steps, record_every=record_every, checkpoint_every=steps),
+        weights=np.array([factors[name] if name in problem.terms else 0.0 for name in NAMES]),
+        options=TrainerOptions(steps, record_every, checkpoint_every=steps),
         recorder=memory,
         display=QuietDisplay(),
-        dense_times=series.times,
+        dense_times=every[0].times,
         theta=theta,
         network=lambda _theta: {},
         progress=Progress(),
@@ -163,6 +171,10 @@ def fit(
     trainer.run()
     load_flat(field, theta)
     return Fit(field, theta, problem, pd.DataFrame(memory.rows), trainer.ending, whole)
+
+
+def _trajectories(data: Dataset | Series) -> tuple[Series, ...]:
+    return (data,) if isinstance(data, Series) else data.series
 
 
 def _problem(series: Series, estimate: Estimate, target: Target, terms: Sequence[str], solver: Solver) -> Problem:
@@ -192,12 +204,12 @@ def modal_field(
 
     Args:
         network: maps states to outputs; its last layer is multiplied by `output_gain`.
-        data: shapes of several modes come from these measurements.
+        data: shapes of several modes come from these measurements, of a dataset from its first trajectory.
         target: states the modes.
         structure: of the vector field.
         output_gain: factor of the network's initial output.
     """
-    series = data if isinstance(data, Series) else data.series[0]
+    series = _trajectories(data)[0]
     matrix = modal_matrix(stated_pairs(target.rows(series.times)), reconstruct(series, structure), structure)
     scale_output(network, output_gain)
     return VectorField(network, structure, torch.from_numpy(matrix))

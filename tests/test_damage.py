@@ -100,7 +100,7 @@ def halve(folder: Path) -> None:
     (folder / LAST).write_bytes(content[: len(content) // 2])
 
 
-SGD = {"name": "sgd", "lr": 0.1, "momentum": 0.9, "lr_extra": 0.0, "lr_rate": 0.0, "lr_every": 1}
+SGD = {"name": "sgd", "lr": 0.1, "momentum": 0.9}
 REFUSED: list[tuple[Damage, str]] = [
     (write("run.json", ""), "run.json: not valid JSON"),
     (write("run.json", "{"), "run.json: not valid JSON"),

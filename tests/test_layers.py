@@ -24,6 +24,7 @@ ORDER = (
     ("reporting",),
     ("config",),
     ("batch",),
+    ("recorded",),
     ("bench",),
     ("reproduce",),
     ("commands",),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from eigenode_cli.batch.plan import Sweep, check_folder, write_plan
 from eigenode_cli.batch.progress import watched
 from eigenode_cli.batch.state import State, forget_failure, read_state
-from eigenode_cli.batch.summary import failure_lines, group, read_rows, show_table, write_summary
+from eigenode_cli.batch.summary import failure_lines, group, read_rows, show_groups, write_summary
 from eigenode_cli.config.sweep import Job
 from eigenode_cli.console import counted
 from eigenode_cli.training.ending import ENDED, FAILED, FINAL, FINISHED, INTERRUPTED, UNSUCCESSFUL
@@ -66,7 +66,7 @@ def _finish(sweep: Sweep, interrupted: bool, broken: Exception | None) -> int:
     paths = [write_summary(sweep.folder, rows)]
     if any(row.state.status == FINISHED for row in rows):
         paths += draw_summary(sweep.folder, groups)
-        show_table(groups)
+        show_groups(groups)
     for path in paths:
         print(path)
     for line in failure_lines(rows):

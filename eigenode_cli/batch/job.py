@@ -4,16 +4,17 @@ import gc
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from eigenode_cli.batch.plan import read_plan
-from eigenode_cli.batch.state import ERROR, recorded
+from eigenode_cli.batch.state import ERROR, State, recorded
 from eigenode_cli.config.compose import finalise, typed
 from eigenode_cli.config.composer import own_flags
+from eigenode_cli.config.plugins import unforced
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.console import Display
 from eigenode_cli.runs.atomic import WriteError, make_folder, write_text
@@ -24,6 +25,10 @@ from eigenode_cli.training.ending import FINAL, FINISHED, INTERRUPTED, RUNNING
 EXIT_INTERRUPTED = 130
 
 
+def _nothing() -> None:
+    """Prepare nothing."""
+
+
 def work(config: DictConfig) -> int:
     """Run one job, as Hydra's launchers call it; returns its exit status.
 
@@ -31,8 +36,9 @@ def work(config: DictConfig) -> int:
         KeyboardInterrupt: it was interrupted; the worker must not take the next one.
     """
     job = HydraConfig.get()
+    words = [*own_flags(), *unforced(job.overrides.task)]
     folder = Path(job.runtime.output_dir)
-    status = contained(folder, lambda: attempt(typed(finalise(config)), folder, [*own_flags(), *job.overrides.task]))
+    status = contained(folder, lambda: attempt(typed(finalise(config)), folder, words))
     _settle()
     if status == EXIT_INTERRUPTED:
         raise KeyboardInterrupt
@@ -71,25 +77,49 @@ def attempt(config: TrainConfig, folder: Path, words: Sequence[str], watch: Disp
     Returns:
         The exit status: 0 done, 1 failed, stalled or diverged, 130 interrupted.
     """
-    from eigenode_cli.batch import run  # noqa: PLC0415  # torch, in the process that trains only
-
     if not figures_chosen(words):
         config.trainer.figures = False
+    ended = recorded(folder).status in FINAL
+    status = complete(config, folder, words, partial(recorded, folder), watch)
+    if status == 1 and not ended:
+        error = folder / ERROR
+        keep_error(folder, error.read_text() if error.exists() else recorded(folder).error)
+    return status
+
+
+def complete(
+    config: TrainConfig,
+    folder: Path,
+    words: Sequence[str],
+    state_of: Callable[[], State],
+    watch: Display | None = None,
+    prepare: Callable[[], None] = _nothing,
+) -> int:
+    """Bring a run to its end: start it, go on with it, or leave it where it has ended; another process is waited for.
+
+    Args:
+        config: the checked configuration.
+        folder: the run's.
+        words: what makes this run, for its record.
+        state_of: reads how far it is.
+        watch: is shown every record.
+        prepare: called before a start.
+
+    Returns:
+        The exit status: 0 done, 1 failed, stalled or diverged, 130 interrupted.
+    """
+    from eigenode_cli.batch import run  # noqa: PLC0415  # torch, in the process that trains only
+
     make_folder(folder)
     with locked(folder, wait=True):
-        state = recorded(folder)
+        state = state_of()
         if state.status in FINAL:
             return 0 if state.status == FINISHED else 1
-        status = None
         if state.status in (INTERRUPTED, RUNNING):
             with suppress(RecordError):  # what was saved is damaged: it starts again
-                status = run.resume(config, folder, state.record, quiet=True, watch=watch)
-        if status is None:
-            status = run.train(config, folder, list(words), quiet=True, watch=watch)
-        if status == 1:
-            error = folder / ERROR
-            keep_error(folder, error.read_text() if error.exists() else recorded(folder).error)
-    return status
+                return run.resume(config, folder, state.record, quiet=True, watch=watch)
+        prepare()
+        return run.train(config, folder, list(words), quiet=True, watch=watch)
 
 
 def figures_chosen(words: Sequence[str]) -> bool:

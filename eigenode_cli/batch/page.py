@@ -1,18 +1,14 @@
 """The page of a sweep: a single HTML file that needs nothing else, neither files nor a network."""
 
-from base64 import b64encode
 from collections import Counter
 from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from eigenode_cli.batch.figure import svg_of_sweep
 from eigenode_cli.batch.plan import Sweep
 from eigenode_cli.batch.summary import RESULTS, cells, group, header, read_rows
 from eigenode_cli.console import minus
-from eigenode_cli.reporting.report import number
-from eigenode_cli.runs.atomic import write_text
+from eigenode_cli.reporting.page import image_source, page_number, write_html
 from eigenode_cli.training.ending import FINISHED, UNSUCCESSFUL
 
 COLUMNS = ("sol", "dense_error", "max_real", "train_seconds")
@@ -21,16 +17,7 @@ COLUMNS = ("sol", "dense_error", "max_real", "train_seconds")
 
 def write_page(sweep: Sweep) -> Path:
     """Write `report.html` into the sweep's folder from the recorded files alone, and give its path."""
-    environment = Environment(
-        loader=PackageLoader("eigenode_cli.reporting", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    path = sweep.folder / "report.html"
-    write_text(path, environment.get_template("sweep.html.j2").render(page_content(sweep)))
-    return path
+    return write_html(sweep.folder / "report.html", "sweep.html.j2", page_content(sweep))
 
 
 def page_content(sweep: Sweep) -> dict[str, Any]:
@@ -47,7 +34,7 @@ def page_content(sweep: Sweep) -> dict[str, Any]:
         "total": len(rows),
         "counts": dict(sorted(counts.items())),
         "unsolvable": sum(row.failed and row.state.status == FINISHED for row in rows),
-        "figure": _data_uri(svg_of_sweep(groups)) if finished else None,
+        "figure": image_source(svg_of_sweep(groups)) if finished else None,
         "group_header": names,
         "groups": [[minus(cell) for cell in cells(one, names[: -len(RESULTS) - 2])] for one in groups],
         "run_header": [*varying, "status", *(name.replace("_", " ") for name in COLUMNS), "folder"],
@@ -57,7 +44,7 @@ def page_content(sweep: Sweep) -> dict[str, Any]:
                 "cells": [
                     *(row.settings.get(key, "") for key in varying),
                     row.state.status,
-                    *(number(row.result(name)) for name in COLUMNS),
+                    *(page_number(row.result(name)) for name in COLUMNS),
                 ],
                 "folder": row.name,
             }
@@ -69,8 +56,3 @@ def page_content(sweep: Sweep) -> dict[str, Any]:
             if row.state.status in UNSUCCESSFUL
         ],
     }
-
-
-def _data_uri(svg: bytes) -> str:
-    """An SVG as the source of an image."""
-    return "data:image/svg+xml;base64," + b64encode(svg).decode("ascii")

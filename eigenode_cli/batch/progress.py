@@ -1,18 +1,14 @@
 """One view of all runs of a sweep: a bar on a terminal, plain lines in a pipe. It reads the runs' folders."""
 
-import sys
+import collections
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from time import monotonic
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
 from eigenode_cli.batch.plan import Sweep
 from eigenode_cli.batch.state import read_state
-from eigenode_cli.console import LINES, duration
+from eigenode_cli.console import Counter, counter, duration
 from eigenode_cli.training.ending import ENDED, UNSUCCESSFUL
 
 INTERVAL = 1.0
@@ -33,9 +29,9 @@ class Watcher:
         self._ended_before = self.ended
 
     @property
-    def count(self) -> Counter[str]:
+    def count(self) -> collections.Counter[str]:
         """Number of runs by status."""
-        return Counter(self.statuses.values())
+        return collections.Counter(self.statuses.values())
 
     def look(self) -> None:
         """Read the folders of all runs that have not ended."""
@@ -64,42 +60,23 @@ class Watcher:
 def watched(sweep: Sweep) -> Iterator[None]:
     """Show the progress of a sweep while the body runs."""
     watcher, stop = Watcher(sweep), threading.Event()
-    show = _bar if sys.stdout.isatty() else _lines
-    thread = threading.Thread(target=show, args=(watcher, stop), name="progress of the sweep", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
+    with counter("sweep ", len(watcher.statuses), watcher.ended + 1) as shown:
+        thread = threading.Thread(target=_show, args=(watcher, shown, stop), name="progress of the sweep", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
 
 
-def _lines(watcher: Watcher, stop: threading.Event) -> None:
-    """About twenty lines, and one at the end."""
-    total = len(watcher.statuses)
-    every = max(1, total // LINES)
-    shown = watcher.ended
+def _show(watcher: Watcher, shown: Counter, stop: threading.Event) -> None:
+    """Look at the folders again and again, and show what changed."""
+    before = watcher.ended
     while not stop.wait(INTERVAL):
         watcher.look()
-        if watcher.ended >= shown + every and watcher.ended < total:
-            shown = watcher.ended
-            print(f"sweep  {shown}/{total}  {watcher.describe()}", flush=True)
+        if before != watcher.ended < len(watcher.statuses):
+            before = watcher.ended
+            shown.show(watcher.ended, watcher.describe())
     watcher.look()
-    print(f"sweep  {watcher.ended}/{total}  {watcher.describe()}", flush=True)
-
-
-def _bar(watcher: Watcher, stop: threading.Event) -> None:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[counts]}"),
-    )
-    with Progress(*columns, console=Console()) as progress:
-        task = progress.add_task("sweep", total=len(watcher.statuses), completed=watcher.ended, counts="")
-        ended = False
-        while not ended:
-            ended = stop.wait(INTERVAL)
-            watcher.look()
-            progress.update(task, completed=watcher.ended, counts=watcher.describe())
+    shown.show(watcher.ended, watcher.describe())

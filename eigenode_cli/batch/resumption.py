@@ -26,7 +26,7 @@ def check_saved(config: TrainConfig, folder: Path) -> None:
     saved = load_last(folder)
     if saved is None:
         return
-    progress, theta, state = saved
+    progress, theta, state = saved.progress, saved.theta, saved.optimizer
     steps = config.trainer.steps
     if progress.step > steps:
         raise RecordError(f"{RUN}: config.trainer.steps={steps}: {LAST} is of step {progress.step}; at least that many")

@@ -19,7 +19,7 @@ from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
 from eigenode_cli.batch.resumption import check_saved
-from eigenode_cli.config.build import build_method, build_options, combination
+from eigenode_cli.config.build import build_method, build_options, build_schedule, combination
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.setup import Setup, build
 from eigenode_cli.console import Display, QuietDisplay, display
@@ -106,7 +106,9 @@ def _attended(
             write_text(folder / "error.txt", traceback.format_exc())
         said = str(error) if isinstance(error, TermFailed) else f"{type(error).__name__}: {error}"
         ending = Ending(FAILED, f"{said} (traceback in error.txt)")
-    record |= {"status": ending.status, "error": ending.reason}
+    successful = ending.status == FINISHED
+    record |= {"status": ending.status, "error": None if successful else ending.reason}
+    record["stopped"] = ending.reason if successful else None
     record["wall_seconds"] += perf_counter() - start
     try:
         reserve.give()
@@ -140,36 +142,36 @@ def _train(
     """
     config, horizon = setup.config, setup.config.system.horizon
     saved = load_last(folder) if resumed else None
+    if saved is not None:  # a kill leaves run.json alone
+        record["wall_seconds"] = max(record["wall_seconds"], saved.progress.wall_seconds)
     theta = setup.theta.copy()
-    optimizer = build_optimizer(build_method(config), theta.size, setup.blocks["network"].stop)
-    progress = Progress()
-    if saved is not None:
-        progress, theta, state = saved
-        for name, array in optimizer.state().items():
-            array[:] = state[name]
-    record["wall_seconds"] = max(record["wall_seconds"], progress.wall_seconds)  # a kill leaves the latter alone
+    optimizer = build_optimizer(build_method(config), theta.size, setup.blocks["network"].stop, build_schedule(config))
     dense_times = np.linspace(0.0, horizon, DENSE)
     recorder = Recorder(folder, setup.names, setup.truth.states(dense_times)[:, 0], tuple(optimizer.records))
     write_data(folder, setup.dataset)
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
-    shown = shown or display(label, progress.step, config.trainer.steps)
+    done = 0 if saved is None else saved.progress.step
+    shown = shown or display(label, done, config.trainer.steps)
     trainer = Trainer(
         engine=setup.engine,
         phases=setup.phases,
         optimizer=optimizer,
         combination=combination(config.combine),
         terms=setup.problem.terms,
+        weights=setup.weights,
         options=build_options(config),
         recorder=recorder,
         display=shown,
         dense_times=dense_times,
         theta=theta,
         network=setup.tensors,
-        progress=progress,
+        progress=Progress(),
         zero_sol=_sol_of_zero(setup.problem),
         wall=partial(_elapsed, record["wall_seconds"] - start),
     )
-    recorder.open(progress.step if saved is not None else None)
+    if saved is not None:
+        trainer.go_on(saved)
+    recorder.open(None if saved is None else done)
     try:
         with shown:
             last = trainer.run()
@@ -206,6 +208,7 @@ def _account(trainer: Trainer, setup: Setup) -> dict[str, Any]:
         "unsolvable_steps": progress.unsolvable_steps,
         "guard_count": progress.guard_count,
         "converged_at": progress.converged_at,
+        "best_step": progress.best_step,
     }
 
 

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from eigenode_cli.batch.plan import Sweep
 from eigenode_cli.batch.state import State, read_state
+from eigenode_cli.console import NOTHING, show_table, spread
 from eigenode_cli.runs.atomic import write_table
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES
@@ -21,10 +19,8 @@ from eigenode_cli.training.ending import ENDED, FINISHED, UNSUCCESSFUL
 
 RESULTS = ("sol", "dense_error", "max_real", "train_seconds")
 """What the table over the seeds shows of each group."""
-PIPE_WIDTH = 160
 MOST_FAILURES = 10
 """Failed runs that the terminal names; summary.csv has all."""
-NOTHING = "\N{EN DASH}"
 
 
 @dataclass(frozen=True)
@@ -162,28 +158,15 @@ def cells(group: Group, keys: Iterable[str]) -> list[str]:
         *(group.settings.get(key, NOTHING) for key in keys),
         ended,
         str(group.failures),
-        *(_spread(group.quartiles(name)) for name in RESULTS),
+        *(spread(*group.quartiles(name)) for name in RESULTS),
     ]
 
 
-def _spread(quartiles: tuple[float, float, float]) -> str:
-    low, middle, high = quartiles
-    return f"{middle:.3g} [{low:.3g}, {high:.3g}]" if math.isfinite(middle) else NOTHING
-
-
-def show_table(groups: Sequence[Group]) -> None:
-    """Print the table over the seeds; in a pipe it is not wrapped at 80 columns."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=PIPE_WIDTH)
-    table = Table(box=None, header_style="bold", title_justify="left", title_style="")
+def show_groups(groups: Sequence[Group]) -> None:
+    """Print the table over the seeds."""
     names = header(groups)
-    for name in names:
-        table.add_column(name, justify="left" if name not in ("runs", "failed") else "right")
-    for one in groups:
-        table.add_row(*map(Text, cells(one, names[: -len(RESULTS) - 2])))
-    print("\nmedian [quartiles] of the finished runs")
-    console.print(table)
+    rows = [cells(one, names[: -len(RESULTS) - 2]) for one in groups]
+    show_table(names, rows, "median [quartiles] of the finished runs", right=("runs", "failed"))
 
 
 def failure_lines(rows: Sequence[Row]) -> list[str]:

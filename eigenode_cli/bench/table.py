@@ -1,22 +1,15 @@
-"""bench.json for people: tables on a terminal, plain lines in a pipe."""
+"""bench.json for people, as tables."""
 
 from collections.abc import Sequence
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
 from eigenode_cli.bench.run import disagreements
+from eigenode_cli.console import number, show_table
 
 Rows = list[list[str]]
 
 
-def number(value: float) -> str:
-    """Three significant digits, whole from a hundred on."""
-    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
-
-
-def spread(ratio: dict[str, Any]) -> str:
+def quartiles(ratio: dict[str, Any]) -> str:
     """Median with quartiles."""
     return f"{number(ratio['median'])} ({number(ratio['low'])} to {number(ratio['high'])})"
 
@@ -24,7 +17,7 @@ def spread(ratio: dict[str, Any]) -> str:
 def ratio_rows(content: dict[str, Any]) -> Rows:
     """Case, contestant, time over ours, what it ran."""
     return [
-        [name, peer, spread(ratio), case["details"][peer]]
+        [name, peer, quartiles(ratio), case["details"][peer]]
         for name, case in content["cases"].items()
         for peer, ratio in case["ratios"].items()
     ]
@@ -57,7 +50,6 @@ def goal_rows(content: dict[str, Any]) -> Rows:
 
 def show(content: dict[str, Any]) -> None:
     """Print all tables that have rows, then what is missing and who disagrees."""
-    console = Console()
     tables: list[tuple[Sequence[str], Rows]] = [
         (("case", "contestant", "time over ours", "what it ran"), ratio_rows(content)),
         (("curve", "contestant", "exponent", "time over ours, first to last"), growth_rows(content)),
@@ -65,21 +57,9 @@ def show(content: dict[str, Any]) -> None:
     ]
     for header, rows in tables:
         if rows:
-            _show_table(console, header, rows)
+            show_table(header, rows)
+            print()
     for name, packages in content["missing"].items():
         print(f"{name} is not measured: no {' and no '.join(packages)}; pip install 'eigenode[bench]'")
     for line in disagreements(content):
         print(line)
-
-
-def _show_table(console: Console, header: Sequence[str], rows: Rows) -> None:
-    if console.is_terminal:
-        table = Table(*header)
-        for row in rows:
-            table.add_row(*row)
-        console.print(table)
-        return
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    for row in (header, *rows):
-        print("  ".join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip())
-    print()

@@ -27,9 +27,10 @@ from eigenode_cli.engines.factory import shape_of
 from eigenode_cli.model import load_flat
 from eigenode_cli.runs.recorder import Recorder
 from eigenode_cli.terms import NAMES
-from eigenode_cli.training.optimizers import Optimizer
+from eigenode_cli.training.optimizers import build_optimizer
 from eigenode_cli.training.progress import Progress
-from eigenode_cli.training.trainer import Phase, Trainer
+from eigenode_cli.training.stages import Phase
+from eigenode_cli.training.trainer import Trainer
 
 STANDSTILL = 1e-15
 """Learning rate of steps that are only timed: the weights stay where they are."""
@@ -89,9 +90,10 @@ def trainer_for(
     trainer = Trainer(
         engine=engine,
         phases=[Phase(0, engine, np.array([scales[term] for term in case.problem.terms]))],
-        optimizer=Optimizer(build_method(config), theta.size),
+        optimizer=build_optimizer(build_method(config), theta.size),
         combination=COMBINATIONS[config.combine.name],
         terms=case.problem.terms,
+        weights=np.array([scales[name] if name in case.problem.terms else 0.0 for name in NAMES]),
         options=build_options(config),
         recorder=recorder,
         display=QuietDisplay(),

@@ -109,8 +109,7 @@ def _committed(path: Path | None) -> list[dict[str, Any]] | None:
 
 
 def _list() -> int:
-    from eigenode_cli.commands.configs import print_lines  # noqa: PLC0415
-    from eigenode_cli.console import counted  # noqa: PLC0415
+    from eigenode_cli.console import counted, show_table  # noqa: PLC0415
     from eigenode_cli.reproduce.library import load, names  # noqa: PLC0415
 
     lines = {}
@@ -118,5 +117,5 @@ def _list() -> int:
         experiment = load(name)
         size = f"{counted(len(experiment.runs), 'run')}, {counted(len(experiment.claims), 'claim')}"
         lines[name] = f"{experiment.title}: {size} ({', '.join(experiment.protocols)})"
-    print_lines(lines)
+    show_table((), [*lines.items()])
     return 0

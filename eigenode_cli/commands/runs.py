@@ -12,25 +12,35 @@ from eigenode_cli.runs.paths import OUTPUTS, importable, is_folder, run_folder
 from eigenode_cli.runs.runfile import Record, flags, read_record
 from eigenode_cli.training.ending import FINAL, FINISHED
 
+MAY_CHANGE = ("trainer.steps", "trainer.record_every", "trainer.checkpoint_every", "trainer.figures", "trainer.stop")
+"""Settings that may change when a run goes on: they do not touch the steps that were done."""
+
 
 def resume(args: argparse.Namespace) -> int:
-    """Go on with a run, or with a sweep, where it stopped."""
+    """Go on with a run, or with a sweep, where it stopped; with settings that may change, beyond where it ended."""
     sweep = _sweep_folder(args.run)
     if sweep is not None:
+        if args.words:
+            raise UserError([f"{word}: a sweep is resumed as it was started" for word in args.words])
         return _resume_sweep(sweep, args.config_dir)
     folder = run_folder(args.run)
     with locked(folder):
         previous = read_record(folder)
         record = Record(previous)
-        if record.text("status") in FINAL:
+        status = record.text("status")
+        if status in FINAL and not (args.words and status == FINISHED):
             raise UserError(f"{args.run}: {_finality(previous)}")
-        settings = record.mapping("config")
         words = flags(record.text("command"))
         dirs = [word.partition("=")[2] for word in words if word.startswith("--config-dir=")]
-        from eigenode_cli.config.compose import restore  # noqa: PLC0415
+        from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415
 
         with importable(*([args.config_dir] if args.config_dir else dirs)):
+            settings = with_changes(record.mapping("config"), args.words, MAY_CHANGE)
             config = restore(settings)
+            if status == FINISHED and not previous.get("stopped") and config.trainer.steps <= previous["steps"]:
+                raise UserError(
+                    f"trainer.steps={config.trainer.steps}: the run has done {previous['steps']}; give more of them"
+                )
             from eigenode_cli.batch import run  # noqa: PLC0415
 
             return run.resume(config, folder, previous)
@@ -39,7 +49,7 @@ def resume(args: argparse.Namespace) -> int:
 def _finality(record: dict[str, Any]) -> str:
     """Why there is nothing to resume."""
     if record["status"] == FINISHED:
-        return "the run is finished, there is nothing to resume"
+        return "the run is finished; to go on with it, give more steps, for example trainer.steps=10000"
     return f"the run {record['status']}, to resume it would lead to the same ({record['error']}); start a new one"
 
 

@@ -24,6 +24,7 @@ from eigenode_cli.batch.plan import Sweep, default_folder
 from eigenode_cli.config.check import examine, normalise
 from eigenode_cli.config.compose import finalise, typed
 from eigenode_cli.config.composer import VERSION_BASE, Composer, explain, hydra_values, own_flags
+from eigenode_cli.config.plugins import forced, unforced
 from eigenode_cli.config.sweep import Job, Kind, examine_sweep, is_hydras, repeated
 from eigenode_cli.cpus import usable_cores
 from eigenode_cli.errors import UserError
@@ -46,8 +47,9 @@ def _job(config: DictConfig) -> int | UserError | WriteError:
     from eigenode_cli.batch import run  # noqa: PLC0415  # torch, only once the command line is known to be right
 
     job = HydraConfig.get()
+    words = [*own_flags(), *unforced(job.overrides.task)]
     try:
-        return run.train(typed(finalise(config)), Path(job.runtime.output_dir), [*own_flags(), *job.overrides.task])
+        return run.train(typed(finalise(config)), Path(job.runtime.output_dir), words)
     except (UserError, WriteError) as error:
         return error
 
@@ -83,7 +85,7 @@ def train(words: Sequence[str]) -> int:
         checked = _check(args, composer)
         if args.cfg is not None:
             resolved = ["--resolve"] if args.cfg == "job" and not args.resolve else []  # a config that trains by itself
-            return _show([*args.overrides, *flags, *resolved])
+            return _show([*forced(args.overrides), *flags, *resolved])
         if DRY_RUN in words:
             return _dry_run(args, composer, checked)
         if checked.jobs:

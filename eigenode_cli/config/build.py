@@ -6,15 +6,20 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from eigenode_cli.arrays import Floats
+from eigenode_cli.config.optimizer_schema import OwnOptimizerConfig
 from eigenode_cli.config.plugins import load_class, own_options
 from eigenode_cli.config.schema import (
     AdamBfgsConfig,
     AdamConfig,
     AdaptiveSolverConfig,
     CombineConfig,
+    CosineConfig,
+    ExponentialConfig,
     FixedSolverConfig,
     LeastSquaresConfig,
     NetworkConfig,
+    OwnSolverConfig,
+    PlateauConfig,
     SequentialConfig,
     SgdConfig,
     SolverConfig,
@@ -32,9 +37,10 @@ if TYPE_CHECKING:
     from eigenode_cli.data.simulate import Truth
     from eigenode_cli.data.targets import Target
     from eigenode_cli.model import VectorField
-    from eigenode_cli.training.optimizers import Method
+    from eigenode_cli.training.methods import Method, OwnMethod
+    from eigenode_cli.training.options import TrainerOptions
+    from eigenode_cli.training.schedules import Schedule
     from eigenode_cli.training.stages import Stage
-    from eigenode_cli.training.trainer import TrainerOptions
 
 
 def build_system(config: Any) -> System:
@@ -79,16 +85,25 @@ def build_target(config: TargetConfig, truth: "Truth") -> "Target":
 
 def build_solver(config: SolverConfig) -> Solver:
     """Build the solver settings."""
+    if isinstance(config, OwnSolverConfig):
+        return load_class(config.target)(name=config.name, **own_options(config, OwnSolverConfig))
     if isinstance(config, AdaptiveSolverConfig):
         return AdaptiveSolver(config.name, config.rtol, config.atol, config.max_steps)
     return FixedStepSolver(config.name, cast(FixedSolverConfig, config).step)
 
 
-def build_method(config: TrainConfig) -> "Method":
+def build_own_method(config: OwnOptimizerConfig) -> "OwnMethod":
+    """Build an optimizer's method of the user's own."""
+    return load_class(config.target)(lr=config.lr, **own_options(config, OwnOptimizerConfig))
+
+
+def build_method(config: TrainConfig) -> "Method | OwnMethod":
     """Build the optimizer's method."""
-    from eigenode_cli.training.optimizers import Adam, AdamBfgs, LevenbergMarquardt, Sgd  # noqa: PLC0415  # Numba
+    from eigenode_cli.training.methods import Adam, AdamBfgs, LevenbergMarquardt, Sgd  # noqa: PLC0415  # Numba
 
     optimizer = config.optimizer
+    if isinstance(optimizer, OwnOptimizerConfig):
+        return build_own_method(optimizer)
     kinds = (
         (AdamBfgsConfig, AdamBfgs),
         (LeastSquaresConfig, LevenbergMarquardt),
@@ -100,6 +115,20 @@ def build_method(config: TrainConfig) -> "Method":
     if method is LevenbergMarquardt and config.error.sol == "huber":
         options["huber"] = config.error.huber_delta
     return method(**options)
+
+
+def build_schedule(config: TrainConfig) -> "Schedule":
+    """Build the schedule of the learning rate."""
+    from eigenode_cli.training.schedules import Cosine, Exponential, Plateau, Schedule  # noqa: PLC0415
+
+    schedule = config.schedule
+    if isinstance(schedule, ExponentialConfig):
+        return Exponential(schedule.extra, schedule.rate, schedule.every)
+    if isinstance(schedule, CosineConfig):
+        return Cosine(config.trainer.steps, schedule.final)
+    if isinstance(schedule, PlateauConfig):
+        return Plateau(schedule.factor, schedule.patience, schedule.smallest)
+    return Schedule()
 
 
 def build_stages(config: TrainConfig) -> tuple["Stage", ...]:
@@ -122,10 +151,17 @@ def build_stages(config: TrainConfig) -> tuple["Stage", ...]:
 
 def build_options(config: TrainConfig) -> "TrainerOptions":
     """Build the trainer's options."""
-    from eigenode_cli.training.trainer import TrainerOptions  # noqa: PLC0415  # torch
+    from eigenode_cli.training.options import Stopping, TrainerOptions  # noqa: PLC0415  # torch
 
-    trainer = config.trainer
-    return TrainerOptions(trainer.steps, trainer.record_every, trainer.checkpoint_every, trainer.on_unsolvable)
+    trainer, stop = config.trainer, config.trainer.stop
+    return TrainerOptions(
+        steps=trainer.steps,
+        record_every=trainer.record_every,
+        checkpoint_every=trainer.checkpoint_every,
+        on_unsolvable=trainer.on_unsolvable,
+        keep=trainer.keep,
+        stopping=Stopping(stop.patience, stop.sol, stop.seconds),
+    )
 
 
 def combination(config: CombineConfig) -> int:

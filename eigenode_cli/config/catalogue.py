@@ -7,7 +7,7 @@ from typing import get_type_hints
 
 from eigenode_cli.config.check import examine
 from eigenode_cli.config.composer import Composer
-from eigenode_cli.config.plugins import CUSTOM
+from eigenode_cli.config.plugins import CUSTOM, GROUPS
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.errors import UserError, unknown
 from eigenode_cli.runs.paths import CONFIG_DIR
@@ -96,6 +96,9 @@ def validate(composer: Composer) -> Validation:
             result.files.add(f"{composer.config_name}.yaml")
             chosen = found.config.hydra.runtime.choices.items()
             result.files |= {f"{group}/{choice}.yaml" for group, choice in chosen}
+    for group in GROUPS:  # a class of the user's own is yet to be named
+        composer.composed((f"{group}={CUSTOM}",))
+        result.files.add(f"{group}/{CUSTOM}.yaml")
     shipped = shipped_files()
     result.files &= shipped
     result.faults += [f"configs/{name}: no command reaches this file" for name in sorted(shipped - result.files)]
@@ -110,7 +113,9 @@ def shipped_files() -> set[str]:
 def _combinations(composer: Composer) -> Iterator[tuple[str, ...]]:
     for group in composer.groups:
         for name in composer.choices(group):
-            yield (f"{group}={name}", *COMPANIONS.get(f"{group}={name}", ()))
+            choice = f"{group}={name}"
+            if name != CUSTOM or choice in COMPANIONS:
+                yield (choice, *COMPANIONS.get(choice, ()))
     for protocol in composer.choices("protocol"):
         for system in composer.choices("system"):
             if system != CUSTOM:

@@ -29,6 +29,9 @@ MOVED = {
     "trainer.pretrain_steps": "'stages=[{terms:frq+dmp,steps:1000},{}]'",
     "trainer.horizons": "'stages=[{horizons:[0.5,1]}]'",
     "eigen.at": "stages.0.spectra=data",
+    "optimizer.lr_extra": "schedule=exponential schedule.extra=9e-3",
+    "optimizer.lr_rate": "schedule=exponential schedule.rate=2e-3",
+    "optimizer.lr_every": "schedule=exponential schedule.every=10",
 }
 """Settings of earlier versions, and what says the same today."""
 TYPES = {"Integer": "a whole number", "Float": "a number", "bool": "true or false"}
@@ -241,7 +244,7 @@ def _refusal(config: DictConfig, override: Override) -> str | None:
 
 def _unknown_key(config: DictConfig, key: str) -> str:
     if key in MOVED:
-        return f"the list of stages says it now, for example {MOVED[key]}"
+        return f"another setting says it now, for example {MOVED[key]}"
     group, _, last = key.rpartition(".")
     choices = config.hydra.runtime.choices
     if group in choices and OmegaConf.is_dict(config[group]):

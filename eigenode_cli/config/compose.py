@@ -2,18 +2,18 @@
 
 import copy
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from eigenode_cli.config.check import Examined, examine, normalise
+from eigenode_cli.config.check import Examined, examine, normalise, parse
 from eigenode_cli.config.composer import Composer, explain, hydra_values
 from eigenode_cli.config.plugins import typify
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.structure import structured
 from eigenode_cli.config.values import value_faults
-from eigenode_cli.errors import UserError
+from eigenode_cli.errors import UserError, nearest
 from eigenode_cli.runs.runfile import RUN, RecordError
 from eigenode_cli.terms import canonical, split_grads
 
@@ -37,6 +37,35 @@ def typed(config: DictConfig) -> TrainConfig:
     if faults := typify(settings):
         raise UserError(faults)
     return TrainConfig(**vars(OmegaConf.to_object(settings)))
+
+
+def with_changes(record: dict[str, Any], words: Sequence[str], allowed: Sequence[str]) -> dict[str, Any]:
+    """The settings that a run's `run.json` holds with a few of them changed.
+
+    Args:
+        record: the settings.
+        words: `KEY=VALUE` each.
+        allowed: keys that may change, with what stands below them.
+
+    Raises:
+        UserError: with all faults.
+    """
+    config = OmegaConf.create(record)
+    overrides, faults = parse(Composer(), words)
+    for override in overrides:
+        key, value = override.get_key_element(), override.value()
+        word = override.input_line or key
+        if not any(key == name or key.startswith(f"{name}.") for name in allowed):
+            guess = nearest(key, allowed)
+            hint = f", did you mean {guess}?" if guess else ";"
+            faults.append(f"{word}: can't change in a run that goes on{hint} what can: {', '.join(allowed)}")
+        elif override.is_sweep_override():
+            faults.append(f"{word}: one value here")
+        else:
+            OmegaConf.update(config, key, value)
+    if faults:
+        raise UserError(faults)
+    return cast(dict[str, Any], OmegaConf.to_container(config))
 
 
 def restore(record: dict[str, Any]) -> TrainConfig:

@@ -28,6 +28,7 @@ from hydra.types import RunMode, TaskFunction
 from omegaconf import DictConfig, OmegaConf, flag_override
 from omegaconf.errors import OmegaConfBaseException
 
+from eigenode_cli.config.plugins import forced
 from eigenode_cli.config.schema import SCHEMAS
 from eigenode_cli.config.structure import Composed, structured
 from eigenode_cli.errors import UserError
@@ -47,7 +48,7 @@ OURS = {
 """Settings of Hydra that `train.yaml` makes."""
 COMMAND_LINE = "command-line"
 """Provider of the configs in `--config-dir`."""
-DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine", "protocol_optimizer")
+DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine")
 """Groups that a protocol chooses from, not the user."""
 
 
@@ -155,7 +156,7 @@ class Composer:
 
         `hydra.main` does the same, but composes twice more, first to find out that this is no sweep.
         """
-        return Hydra("train", self.loader).run(self.config_name, task, list(words)).return_value
+        return Hydra("train", self.loader).run(self.config_name, task, forced(words)).return_value
 
 
 def keep_composition(config: DictConfig, folder: Path, words: Sequence[str]) -> None:

@@ -15,10 +15,12 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from omegaconf import MISSING, DictConfig, OmegaConf, open_dict
 
+from eigenode_cli.config.optimizer_schema import OwnOptimizerConfig
 from eigenode_cli.config.schema import (
     MlpConfig,
     NetworkConfig,
     OscillatorConfig,
+    OwnSolverConfig,
     PolynomialConfig,
     SystemConfig,
     VanDerPolConfig,
@@ -86,6 +88,18 @@ GROUPS: Mapping[str, Group] = {
         given=("inputs", "outputs", "generator"),
         interface="torch.nn:Module",
     ),
+    "solver": Group(
+        base=OwnSolverConfig,
+        shipped={},
+        given=("name",),
+        interface="eigenode_cli.solve.settings:RungeKutta",
+    ),
+    "optimizer": Group(
+        base=OwnOptimizerConfig,
+        shipped={},
+        given=("lr",),
+        interface="eigenode_cli.training.methods:OwnMethod",
+    ),
 }
 """The groups whose choices name a class."""
 
@@ -107,6 +121,11 @@ def expanded(words: Iterable[str]) -> list[str]:
 def forced(words: Iterable[str]) -> list[str]:
     """Checked override words as Hydra accepts them for the options of a user's class, which it does not know."""
     return [f"++{word}" if word.partition(".")[0] in GROUPS else word for word in words]
+
+
+def unforced(words: Iterable[str]) -> list[str]:
+    """Override words as the user typed them, of those that were `forced`."""
+    return [word.removeprefix("++") if word.lstrip("+").partition(".")[0] in GROUPS else word for word in words]
 
 
 def load_class(target: str) -> type[Any]:

@@ -11,6 +11,17 @@ from dataclasses import dataclass
 from omegaconf import MISSING
 
 from eigenode_cli.config import names
+from eigenode_cli.config.optimizer_schema import (
+    AdamBfgsConfig,
+    AdamConfig,
+    CosineConfig,
+    ExponentialConfig,
+    LeastSquaresConfig,
+    OptimizerConfig,
+    PlateauConfig,
+    ScheduleConfig,
+    SgdConfig,
+)
 from eigenode_cli.config.validators import option
 
 
@@ -109,6 +120,14 @@ class SolverConfig:
 
 
 @dataclass
+class OwnSolverConfig(SolverConfig):
+    """A method of the user's own."""
+
+    target: str = MISSING
+    """The class, `module:Class`; its constructor takes the options that are not here."""
+
+
+@dataclass
 class AdaptiveSolverConfig(SolverConfig):
     """Embedded Runge-Kutta method with step-size control."""
 
@@ -124,64 +143,6 @@ class FixedSolverConfig(SolverConfig):
 
     step: float = option(above=0)
     """Step size in s."""
-
-
-@dataclass
-class OptimizerConfig:
-    """Turns updates into new parameters."""
-
-    name: str = MISSING
-    lr: float = option(above=0)
-    """Learning rate; with a schedule the one that it ends at: `lr + lr_extra exp(-lr_rate k)` at training step k."""
-    lr_extra: float = option(at_least=0)
-    """What is added to the learning rate at first; 0 for a constant rate."""
-    lr_rate: float = option(at_least=0)
-    """How fast that decays, per training step."""
-    lr_every: int = option(at_least=1)
-    """Training steps between changes of the learning rate."""
-
-
-@dataclass
-class AdamConfig(OptimizerConfig):
-    """Adam (Kingma & Ba 2015)."""
-
-    beta1: float = option(at_least=0, below=1)
-    beta2: float = option(at_least=0, below=1)
-    eps: float = option(above=0)
-
-
-@dataclass
-class AdamBfgsConfig(AdamConfig):
-    """Adam, then BFGS with a line search."""
-
-    adam_steps: int = option(at_least=0)
-    """Leading training steps that Adam takes, with the updates of `combine`; BFGS takes all others, on the sum of the
-    scaled terms, whatever `combine` is."""
-
-
-@dataclass
-class LeastSquaresConfig(AdamConfig):
-    """Levenberg-Marquardt on the residuals of all terms; Adam's update only where the solve fails.
-
-    Scales are relative to the natural unit of each term (the size of the data, of the target), whatever `combine` is.
-    """
-
-    damping: float = option(above=0)
-    """First damping of each horizon, in units of the mean of the diagonal of J^T J."""
-    tolerance: float = option(at_least=0, below=1)
-    """A horizon has converged where a step lowers the sum of squares by less than this share."""
-    ridge: float = option(at_least=0)
-    """Factor of the squared parameters of the network, added to the sum of squares; the first one with `evidence`."""
-    evidence: bool = MISSING
-    """Whether the ridge follows the evidence of the data (MacKay 1992), which knows noise from signal, over the last
-    horizon."""
-
-
-@dataclass
-class SgdConfig(OptimizerConfig):
-    """Gradient descent with momentum."""
-
-    momentum: float = option(at_least=0, below=1)
 
 
 @dataclass
@@ -262,6 +223,18 @@ class StageConfig:
 
 
 @dataclass
+class StopConfig:
+    """Rules, asked at every record, that end a training before its last step; null where one does not apply."""
+
+    patience: int | None = option(at_least=1)
+    """Records without a new lowest sum of the scaled terms."""
+    sol: float | None = option(at_least=0)
+    """SOL that is low enough."""
+    seconds: float | None = option(above=0)
+    """Training time in s."""
+
+
+@dataclass
 class TrainerConfig:
     """Length of the training and what is written."""
 
@@ -274,6 +247,12 @@ class TrainerConfig:
     """Whether figures and the report are made at the end; `eigenode plot` and `report` make them later."""
     on_unsolvable: str = option(choices=names.ON_UNSOLVABLE)
     """What to do when a solve fails: stabilise | skip | stop."""
+    keep: str = option(choices=names.KEPT)
+    """Which weights are the result: last (those of the last step) | best (those of the record with the lowest sum of
+    the scaled terms)."""
+    start: str | None = MISSING
+    """Warm start: the folder of a run, or one of its checkpoints, whose weights this one starts from; null for none."""
+    stop: StopConfig = MISSING
 
 
 @dataclass
@@ -315,6 +294,7 @@ class TrainConfig:
     network: NetworkConfig = MISSING
     solver: SolverConfig = MISSING
     optimizer: OptimizerConfig = MISSING
+    schedule: ScheduleConfig = MISSING
     combine: CombineConfig = MISSING
     engine: EngineConfig = MISSING
     target: TargetConfig = MISSING
@@ -345,6 +325,12 @@ SCHEMAS: Mapping[str, Mapping[str, type]] = {
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
     "solver": {**dict.fromkeys(ADAPTIVE, AdaptiveSolverConfig), **dict.fromkeys(FIXED, FixedSolverConfig)},
     "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "lm": LeastSquaresConfig, "sgd": SgdConfig},
+    "schedule": {
+        "constant": ScheduleConfig,
+        "exponential": ExponentialConfig,
+        "cosine": CosineConfig,
+        "plateau": PlateauConfig,
+    },
     "combine": {"sequential": SequentialConfig, **dict.fromkeys(("sum", "mean", "switch", "mix"), CombineConfig)},
     "engine": {"auto": EngineConfig, "torch": EngineConfig, "compiled": CompiledEngineConfig},
     "target": {"truth": TruthTargetConfig, "stated": StatedTargetConfig},

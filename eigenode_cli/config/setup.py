@@ -19,6 +19,7 @@ from eigenode_cli.config.build import (
 )
 from eigenode_cli.config.names import training_terms
 from eigenode_cli.config.schema import CompiledEngineConfig, LeastSquaresConfig, TrainConfig
+from eigenode_cli.config.warm_start import warm_start
 from eigenode_cli.data.dataset import Dataset, Series
 from eigenode_cli.data.reconstruct import Estimate, reconstruct
 from eigenode_cli.data.simulate import Truth
@@ -26,14 +27,13 @@ from eigenode_cli.data.targets import Target
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_initial_state
+from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_initial_states
 from eigenode_cli.model.modes import fitted_matrix, modal_matrix, stated_pairs
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.user import UserTerm, load_user_terms
 from eigenode_cli.training.least_squares import relative_scales
-from eigenode_cli.training.stages import build_phases
-from eigenode_cli.training.trainer import Phase
+from eigenode_cli.training.stages import Phase, build_phases
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,8 @@ class Setup:
         engine: that of the records.
         phases: what trains at each step.
         names: all terms that are recorded: the six and the user's own.
+        weights: factor of each of them in the sum that schedules, stopping and the best weights go by, zero for one
+            that does not train `(6 + user's,)`.
     """
 
     config: TrainConfig
@@ -63,6 +65,7 @@ class Setup:
     engine: Engine
     phases: tuple[Phase, ...]
     names: tuple[str, ...]
+    weights: Floats
 
     @property
     def engines(self) -> set[Engine]:
@@ -116,8 +119,12 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     if isinstance(config.optimizer, LeastSquaresConfig):
         scales = relative_scales(scales, problem)
     phases = build_phases(stages, config.trainer.steps, problem, scales, engine, rebuilt, blocks)
-    theta = with_initial_state(flat_parameters(field), series, estimate)
-    return Setup(config, truth, dataset, target, problem, field, theta, engine, phases, (*NAMES, *user_terms))
+    theta = with_initial_states(flat_parameters(field), [series], [estimate])
+    if config.trainer.start is not None:
+        theta = warm_start(config.trainer.start, field, theta)
+    names = (*NAMES, *user_terms)
+    weights = np.array([scales[name] if name in problem.terms else 0.0 for name in names])
+    return Setup(config, truth, dataset, target, problem, field, theta, engine, phases, names, weights)
 
 
 def build_problem(config: TrainConfig, series: Series, estimate: Estimate, target: Target) -> Problem:

@@ -31,7 +31,7 @@ def structured(config: DictConfig) -> DictConfig:
     ground = OmegaConf.structured(Composed)
     for group, schemas in SCHEMAS.items():
         node = settings._get_node(group) if group in settings else None
-        if group not in GROUPS and isinstance(node, DictConfig) and not node._is_none():
+        if isinstance(node, DictConfig) and not node._is_none() and not (group in GROUPS and "target" in node):
             schema = schemas.get(str(node.get("name"))) or _nearest(node, list(schemas.values()))
             ground[group] = OmegaConf.structured(schema)
     merged = cast(DictConfig, OmegaConf.merge(ground, settings))

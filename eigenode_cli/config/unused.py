@@ -38,8 +38,8 @@ def _reason(config: DictConfig, key: str) -> str | None:
             "no error function is huber; choose one with error.TERM=huber",
         ),
         (
-            key in ("optimizer.lr_rate", "optimizer.lr_every") and config.optimizer.lr_extra == 0.0,
-            "the learning rate is constant; optimizer.lr_extra=... lets it decay",
+            key in ("schedule.rate", "schedule.every") and config.schedule.get("extra") == 0.0,
+            "the learning rate is constant; schedule.extra=... lets it decay",
         ),
         (
             key == "network.scaling_from"

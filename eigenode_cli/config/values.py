@@ -13,11 +13,13 @@ from eigenode_cli.config.plugins import unresolved
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.validators import constraint_of
 from eigenode_cli.engines.support import obstacle
-from eigenode_cli.errors import nearest, unknown
+from eigenode_cli.errors import UserError, nearest, unknown
 from eigenode_cli.runs.paths import hidden
 from eigenode_cli.terms import NAMES, split_grads
 from eigenode_cli.terms.arguments import arguments_of
 
+MLP = "eigenode_cli.model:Mlp"
+"""The network that the compiled engine knows."""
 NO_SYMBOLIC_JACOBIAN = ("polynomial",)
 """Networks without a Jacobian in closed form."""
 
@@ -167,6 +169,25 @@ def _state_names(key: str, names: Iterable[str], states: list[str]) -> Iterator[
             yield f"{key}={show(names)}: state '{name}' is repeated; write it once"
 
 
+def _own_classes(config: DictConfig) -> Iterator[str]:
+    """A solver or an optimizer of the user's own can be built, and a solver has a tableau."""
+    from eigenode_cli.config.build import build_own_method, build_solver  # noqa: PLC0415  # as above
+
+    if "target" in config.solver:
+        try:
+            solver = build_solver(cast(Any, OmegaConf.to_object(config.solver)))
+        except Exception as error:  # the user's own constructor may raise anything
+            yield f"solver={config.solver.name}: {type(error).__name__}: {error}"
+        else:
+            if solver.tableau is None:
+                yield f"solver={config.solver.name}: the class has no tableau; give it one with en.explicit(...)"
+    if "target" in config.optimizer:
+        try:
+            build_own_method(cast(Any, OmegaConf.to_object(config.optimizer))).memory(1)
+        except Exception as error:  # as above
+            yield f"optimizer={config.optimizer.name}: {type(error).__name__}: {error}"
+
+
 def _hidden_states(config: DictConfig) -> Iterator[str]:
     """What needs all states at the data times finds them measured, or they can be reconstructed."""
     from eigenode_cli.config.build import build_system  # noqa: PLC0415  # as above
@@ -282,9 +303,24 @@ def _blocks(config: DictConfig) -> list[str]:
     ]
 
 
+def _start(config: DictConfig) -> Iterator[str]:
+    """A warm start leads to weights that fit."""
+    text = config.trainer.start
+    if text is None:
+        return
+    from eigenode_cli.config.warm_start import empty_field, load_field  # noqa: PLC0415  # torch, where it is needed
+
+    try:
+        load_field(empty_field(cast(TrainConfig, OmegaConf.to_object(config))), text)
+    except (UserError, ValueError) as error:
+        yield f"trainer.start={text}: {error}"
+
+
 def _engine(config: DictConfig) -> Iterator[str]:
     """The compiled engine can do what is asked of it."""
-    reason = obstacle(config.network.name, config.solver.name, config.eigen.jacobian)
+    network = "mlp" if config.network.target == MLP else config.network.name
+    solver = None if "target" in config.solver else config.solver.name
+    reason = obstacle(network, solver, config.eigen.jacobian)
     if config.engine.name == "compiled" and reason is not None:
         yield f"engine=compiled: it has no {reason}; write engine=torch or engine=auto"
 
@@ -318,10 +354,12 @@ CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (
     _terms,
     _system,
     _hidden_states,
+    _own_classes,
     _network,
     _eigen,
     _stages,
     _optimizer,
+    _start,
     _engine,
     _target,
     _own_terms,

@@ -9,6 +9,7 @@ from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.problem import Problem
+from eigenode_cli.engines.several import SeveralEngine
 from eigenode_cli.engines.support import obstacle
 from eigenode_cli.model import VectorField
 from eigenode_cli.model.mlp import Mlp
@@ -36,8 +37,11 @@ def build_engine(
     Raises:
         ValueError: `engine=compiled` for what it can't do.
     """
+    if problem.others:
+        single = [build_engine(field, one, user_terms, engine, sensitivity, announce) for one in problem.trajectories]
+        return SeveralEngine(single, problem.trajectories)
     network = "mlp" if type(field.network) is Mlp else type(field.network).__name__.lower()
-    reason = obstacle(network, problem.solver.name, problem.jacobian)
+    reason = obstacle(network, problem.solver.name if problem.solver.tableau is None else None, problem.jacobian)
     own = dict(user_terms or {})
     if engine == "torch" or (engine == "auto" and reason is not None):
         if reason is not None and engine == "auto":

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ field has left what the data speak of, and its gradients would be of a size that
 
 @dataclass(frozen=True)
 class Problem:
-    """One training problem: one measured trajectory with its targets, and what is asked of it.
+    """One training problem: a measured trajectory with its targets, and what is asked of it.
 
     Attributes:
         data: measurements; the model starts from `data.initial_state`, whose unknown entries are the last parameters.
@@ -36,6 +37,7 @@ class Problem:
             together, both held constant; otherwise all terms of a failed solve are NaN.
         solved: whether anything is solved at all. If not, every loss Jacobian has the status `UNSOLVED` and gives the
             spectral terms, at `states` alone.
+        others: further trajectories, each with the same settings, and none with others of its own.
 
     Raises:
         ValueError: spectra are to be taken at `states` that are not known.
@@ -54,6 +56,7 @@ class Problem:
     solver: Solver = field(default_factory=AdaptiveSolver)
     stabilise: bool = True
     solved: bool = True
+    others: "tuple[Problem, ...]" = ()
 
     def __post_init__(self) -> None:
         """Take measured states where all are; check that there are any where they are needed."""
@@ -83,6 +86,15 @@ class Problem:
         sizes = self.data.sizes if self.states is None else np.nan_to_num(np.abs(self.states)).max(axis=0)
         return np.where(sizes > 0.0, sizes, 1.0)
 
+    @property
+    def trajectories(self) -> "tuple[Problem, ...]":
+        """Each trajectory as a problem of its own."""
+        return (replace(self, others=()), *self.others)
+
+    def changed(self, **changes: Any) -> "Problem":
+        """Return the same problem with settings changed, for all trajectories."""
+        return replace(self, **changes, others=tuple(replace(other, **changes) for other in self.others))
+
     def until(self, fraction: float) -> "Problem":
         """Return the same problem over the leading `fraction` of the horizon, at least three data times of it."""
         times = self.data.times
@@ -90,11 +102,12 @@ class Problem:
         count = min(times.size, max(3, int(np.searchsorted(times, end * (1.0 + 1e-12), side="right"))))
         states = None if self.states is None else self.states[:count]
         targets = self.targets.rows(np.arange(-(-count // self.every)))
-        return replace(self, data=self.data.leading(count), states=states, targets=targets)
+        others = tuple(other.until(fraction) for other in self.others)
+        return replace(self, data=self.data.leading(count), states=states, targets=targets, others=others)
 
     def unsolved(self) -> "Problem":
         """Return the spectral terms of the same problem at `states`, without a solve."""
-        return replace(self, solved=False, stabilise=True)
+        return self.changed(solved=False, stabilise=True)
 
     def stabilising_rows(self, reached: Floats) -> Integers:
         """Return which spectra a failed solve that reached these states `(R, n)` still contributes, rows of `targets`.

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.model.blocks import BLOCKS, block_slices, trained_mask, with_initial_state
+from eigenode_cli.model.blocks import BLOCKS, block_slices, trained_mask, with_initial_states
 from eigenode_cli.model.mlp import Mlp
 from eigenode_cli.model.polynomial import Polynomial
 from eigenode_cli.model.vector_field import VectorField
@@ -45,5 +45,5 @@ __all__ = [
     "load_flat",
     "scale_output",
     "trained_mask",
-    "with_initial_state",
+    "with_initial_states",
 ]

@@ -55,6 +55,13 @@ def _size(module: nn.Module) -> int:
     return sum(parameter.numel() for parameter in module.parameters())
 
 
-def with_initial_state(theta: Floats, series: Series, estimate: Estimate) -> Floats:
-    """Return the parameters of a vector field with first guesses of the unknown initial values behind them."""
-    return np.concatenate([theta, np.nan_to_num(estimate.states[0])[series.unknown]])
+def with_initial_states(theta: Floats, series: Sequence[Series], estimates: Sequence[Estimate]) -> Floats:
+    """Return the parameters of a vector field with first guesses of the unknown initial values behind them.
+
+    Args:
+        theta: parameters of the field.
+        series: measured trajectories, one after another.
+        estimates: what is known of the states of each.
+    """
+    guesses = [np.nan_to_num(found.states[0])[one.unknown] for one, found in zip(series, estimates, strict=True)]
+    return np.concatenate([theta, *guesses])

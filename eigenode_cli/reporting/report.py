@@ -1,26 +1,21 @@
 """The report of one run: a single HTML page that needs nothing else, neither files nor a network."""
 
-from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from omegaconf import OmegaConf
 
-from eigenode_cli.console import minus
 from eigenode_cli.reporting.figures import contained, figures_of, svg_of
 from eigenode_cli.reporting.figures.convergence import convergence_numbers
-from eigenode_cli.runs.atomic import write_text
+from eigenode_cli.reporting.page import image_source, page_number, write_html
 from eigenode_cli.runs.reader import Metrics, Run, open_run
 from eigenode_cli.solve.status import Status
 
 ROWS = 12
 """Most rows of the metrics table."""
-NOTHING = "\N{EN DASH}"
-"""Stands where there is no number."""
 
 
 class Report(NamedTuple):
@@ -41,15 +36,7 @@ def write_report(folder: Path) -> Report:
         WriteError: the page cannot be written.
     """
     content = page_content(open_run(folder))
-    environment = Environment(
-        loader=PackageLoader("eigenode_cli.reporting", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    path = folder / "report.html"
-    write_text(path, environment.get_template("report.html.j2").render(content))
+    path = write_html(folder / "report.html", "report.html.j2", content)
     return Report(path, content["faults"])
 
 
@@ -59,7 +46,7 @@ def page_content(run: Run) -> dict[str, Any]:
     figures: list[dict[str, str]] = []
     for name in figures_of(run):
         with contained(name, faults):
-            source = _data_uri(svg_of(run, name))
+            source = image_source(svg_of(run, name))
             figures.append({"name": name, "caption": CAPTIONS[name](run), "source": source})
     content: dict[str, Any] = {"tiles": [], "facts": [("system", run.system)], "table": None}
     with contained("the table of metrics", faults):
@@ -87,11 +74,6 @@ def _numbers(run: Run) -> dict[str, Any]:
     }
 
 
-def number(value: float) -> str:
-    """Three significant digits, a dash where there is no number."""
-    return minus(f"{value:.3g}") if np.isfinite(value) else NOTHING
-
-
 def headline(run: Run) -> list[dict[str, str]]:
     """The result in four numbers: title, value, unit or remark of each."""
     metrics, unit = run.metrics, run.states[0].unit
@@ -99,9 +81,9 @@ def headline(run: Run) -> list[dict[str, str]]:
     side = "" if not np.isfinite(real) else "1/s, stable" if real < 0.0 else "1/s, not stable"
     failed = int(metrics.failed.sum())
     return [
-        {"title": "SOL, last record", "value": number(metrics.terms["sol"][-1]), "remark": ""},
-        {"title": "Dense error", "value": number(error), "remark": unit if np.isfinite(error) else ""},
-        {"title": "Largest real part", "value": number(real), "remark": side},
+        {"title": "SOL, last record", "value": page_number(metrics.terms["sol"][-1]), "remark": ""},
+        {"title": "Dense error", "value": page_number(error), "remark": unit if np.isfinite(error) else ""},
+        {"title": "Largest real part", "value": page_number(real), "remark": side},
         {"title": "Failed solves", "value": str(failed), "remark": f"of {len(metrics.status)} records"},
     ]
 
@@ -121,7 +103,7 @@ def facts(run: Run) -> list[tuple[str, str]]:
 def _of_convergence(run: Run) -> str:
     """The caption with the local minima."""
     minima = convergence_numbers(run).minima
-    levels = "; ".join(f"{number(m.level)} from step {m.start:,.0f} to {m.stop:,.0f}" for m in minima)
+    levels = "; ".join(f"{page_number(m.level)} from step {m.start:,.0f} to {m.stop:,.0f}" for m in minima)
     stood = f" Local minima (black-dashed): {levels}." if minima else " No local minimum was found."
     return "Terms over the training steps, unscaled, with their last values; zeros are not drawn." + stood
 
@@ -153,15 +135,10 @@ def metrics_table(metrics: Metrics) -> dict[str, Any]:
             "failed": bool(metrics.failed[i]),
             "cells": [
                 f"{metrics.step[i]:,.0f}",
-                *(number(float(values[i])) for values in columns.values()),
+                *(page_number(float(values[i])) for values in columns.values()),
                 metrics.status[i],
             ],
         }
         for i in chosen
     ]
     return {"header": ["step", *columns, "status"], "rows": rows}
-
-
-def _data_uri(svg: bytes) -> str:
-    """An SVG as the source of an image; as one, its ids can't clash with those of the next."""
-    return "data:image/svg+xml;base64," + b64encode(svg).decode("ascii")

@@ -13,6 +13,7 @@ import numpy as np
 
 from eigenode_cli.bench.case import oscillating
 from eigenode_cli.bench.growth import PowerLaw, fit_power
+from eigenode_cli.console import number
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.reproduce.post_training import fastest
 from eigenode_cli.runs.atomic import write_json
@@ -94,6 +95,6 @@ class GrowthTable:
     @property
     def rows(self) -> list[list[str]]:
         """The table as text."""
-        texts = [[str(row[0]), *(f"{value:.3g}" for value in row[1:])] for row in self.cells]
+        texts = [[str(row[0]), *(number(float(value)) for value in row[1:])] for row in self.cells]
         fits = [f"{1e3 * one.fit.a:.3g} n^{one.fit.b:.2f}" for one in self.series]
         return [*texts, ["fit", *fits, *[""] * len(POINTS)]]

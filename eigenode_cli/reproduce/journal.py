@@ -10,7 +10,7 @@ import numpy as np
 from eigenode_cli.arrays import Floats
 from eigenode_cli.reproduce.measures import TEST_FILE, Result
 from eigenode_cli.reproduce.study import Study
-from eigenode_cli.reproduce.tables import NOTHING, number
+from eigenode_cli.reproduce.tables import reached
 from eigenode_cli.reproduce.verdicts import quantile
 from eigenode_cli.runs.atomic import write_table, write_text
 from eigenode_cli.runs.paths import OUTPUTS
@@ -59,11 +59,7 @@ class JournalTable:
     @property
     def rows(self) -> list[list[str]]:
         """The table as text."""
-        return [[name, *map(_text, row)] for name, row in zip(self.names, self.numbers.tolist(), strict=True)]
-
-
-def _text(value: float) -> str:
-    return NOTHING if np.isnan(value) else number(value)
+        return [[name, *map(reached, row)] for name, row in zip(self.names, self.numbers.tolist(), strict=True)]
 
 
 def journal_table(study: Study, name: str) -> JournalTable:

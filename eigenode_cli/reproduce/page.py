@@ -1,13 +1,11 @@
 """The page of a study: one self-contained HTML file with every figure beside its claims and their verdicts."""
 
-from base64 import b64encode
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from eigenode_cli.console import counted, minus
+from eigenode_cli.reporting.page import image_source, write_html
 from eigenode_cli.reproduce.figures import figure_numbers, svg
 from eigenode_cli.reproduce.journal import tables_of
 from eigenode_cli.reproduce.runs import RunTable, run_tables
@@ -15,18 +13,10 @@ from eigenode_cli.reproduce.schema import Experiment
 from eigenode_cli.reproduce.study import Study
 from eigenode_cli.reproduce.tables import Summary, TextTable, counts, found
 from eigenode_cli.reproduce.verdicts import Verdict
-from eigenode_cli.runs.atomic import write_text
 
 
 def write_page(study: Study, verdicts: Sequence[Verdict], summary: Summary, folder: Path) -> Path:
     """Write `index.html` and give its path; it needs no other file and no network."""
-    environment = Environment(
-        loader=PackageLoader("eigenode_cli.reporting", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     tables = run_tables(study)
     content = {
         "protocol": summary.protocol,
@@ -38,9 +28,7 @@ def write_page(study: Study, verdicts: Sequence[Verdict], summary: Summary, fold
             for name, experiment in study.experiments.items()
         ],
     }
-    path = folder / "index.html"
-    write_text(path, environment.get_template("reproduction.html.j2").render(content))
-    return path
+    return write_html(folder / "index.html", "reproduction.html.j2", content)
 
 
 def _section(
@@ -51,7 +39,7 @@ def _section(
     for spec in experiment.figures:
         numbers = figure_numbers(experiment, spec, study.results[name])
         if numbers is not None:
-            source = "data:image/svg+xml;base64," + b64encode(svg(numbers)).decode("ascii")
+            source = image_source(svg(numbers))
             figures.append({"name": spec.name, "caption": spec.caption, "source": source})
     return {
         "name": name,

@@ -3,7 +3,6 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,13 @@ from joblib import Parallel, delayed
 from joblib.externals.loky import get_reusable_executor
 from omegaconf import DictConfig, OmegaConf
 
+from eigenode_cli.batch.job import complete
+from eigenode_cli.batch.state import WAITING, State, recorded
 from eigenode_cli.config.composer import keep_composition
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.sweep import of_seed
-from eigenode_cli.runs.atomic import make_folder
-from eigenode_cli.runs.lock import locked
 from eigenode_cli.runs.paths import OUTPUTS, slug
-from eigenode_cli.runs.runfile import NewerError, RecordError, read_record
-from eigenode_cli.training.ending import FINAL, FINISHED, INTERRUPTED, RUNNING
+from eigenode_cli.training.ending import FINAL
 
 
 @dataclass(frozen=True)
@@ -38,20 +36,16 @@ class Unit:
     words: tuple[str, ...]
     composed: DictConfig | None = None
 
-    def record(self) -> dict[str, Any] | None:
-        """What run.json says, None where there is none or it is damaged."""
-        try:
-            return read_record(self.folder)
-        except NewerError:
-            raise
-        except RecordError:
-            return None
+    @property
+    def state(self) -> State:
+        """How far it is; of another configuration, or damaged, it waits."""
+        found = recorded(self.folder)
+        return found if found.record.get("config") == container(self.config) else State(WAITING)
 
     @property
-    def status(self) -> str | None:
-        """How it stands, one of `ending.STATUSES`; None where this configuration was never started."""
-        record = self.record()
-        return record.get("status") if record and record.get("config") == container(self.config) else None
+    def status(self) -> str:
+        """How it stands, one of `ending.STATUSES`, or `waiting` where this configuration was never started."""
+        return self.state.status
 
 
 def container(config: TrainConfig) -> dict[str, Any]:
@@ -94,25 +88,13 @@ def pending(units: Sequence[Unit]) -> list[Unit]:
 
 
 def train_unit(unit: Unit) -> int:
-    """Train one unit, go on with it where it was killed, or leave it where it has ended; returns the exit status.
+    """Bring one unit to its end, see `batch.job.complete`; returns the exit status."""
 
-    Where another process trains it, it is waited for.
-    """
-    from eigenode_cli.batch import run  # noqa: PLC0415  # torch, in the process that trains
-
-    if unit.status in FINAL:
-        return 0 if unit.status == FINISHED else 1
-    make_folder(unit.folder)
-    with locked(unit.folder, wait=True):
-        status, record = unit.status, unit.record()
-        if status in FINAL:
-            return 0 if status == FINISHED else 1
-        if record is not None and status in (RUNNING, INTERRUPTED):
-            with suppress(RecordError):  # what was saved is damaged: it starts again
-                return run.resume(unit.config, unit.folder, record, quiet=True)
+    def prepare() -> None:
         if unit.composed is not None:
             keep_composition(of_seed(unit.composed, unit.config.seed), unit.folder, unit.words)
-        return run.train(unit.config, unit.folder, unit.words, quiet=True)
+
+    return complete(unit.config, unit.folder, unit.words, lambda: unit.state, prepare=prepare)
 
 
 def in_parallel(task: Callable[[Unit], Any], units: Sequence[Unit], jobs: int) -> Iterator[Any]:

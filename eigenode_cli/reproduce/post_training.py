@@ -23,6 +23,7 @@ from eigenode_cli.runs.recorder import load_last
 from eigenode_cli.solve.settings import AdaptiveSolver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES
+from eigenode_cli.training.options import BEST
 
 ROUNDS = 15
 """Times that a measurement is repeated; the fastest counts, the others were disturbed."""
@@ -34,12 +35,13 @@ solver is wrong here."""
 
 
 def _trained(unit: Unit) -> tuple[Setup, Floats]:
-    """The parts of a finished unit and its last parameters."""
+    """The parts of a finished unit and the parameters that it keeps."""
     setup = build(unit.config, unheard)
     saved = load_last(unit.folder)
     if saved is None:
         raise ValueError(f"{unit.folder}: no parameters were saved")
-    return setup, saved[1]
+    kept = saved.best if unit.config.trainer.keep == BEST else None
+    return setup, saved.theta if kept is None else kept
 
 
 def fastest(*calls: Callable[[], Any]) -> list[float]:

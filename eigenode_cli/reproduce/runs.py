@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from eigenode_cli.arrays import Floats
+from eigenode_cli.console import number, show_table, spread
 from eigenode_cli.reproduce.journal import quartiles
 from eigenode_cli.reproduce.measures import Result
 from eigenode_cli.reproduce.study import Study
-from eigenode_cli.reproduce.tables import NOTHING, number
 from eigenode_cli.runs.atomic import write_table
 
 HEADER = ("run", "dense error", "% of amplitude", "SOL", "largest real part", "failures", "seeds", "time")
@@ -68,13 +66,13 @@ class RunTable:
         return [
             [
                 run.name,
-                _spread(run.dense_error),
-                _text(100.0 * run.relative_error),
-                _spread(run.sol),
-                _spread(run.max_real),
+                spread(*run.dense_error),
+                number(100.0 * run.relative_error),
+                spread(*run.sol),
+                spread(*run.max_real),
                 str(run.failures),
                 str(run.seeds),
-                _text(run.seconds / self.runs[0].seconds),
+                number(run.seconds / self.runs[0].seconds),
             ]
             for run in self.runs
         ]
@@ -95,16 +93,6 @@ class RunTable:
             ]
             for run in self.runs
         ]
-
-
-def _text(value: float) -> str:
-    return NOTHING if np.isnan(value) else number(value)
-
-
-def _spread(values: tuple[float, float, float]) -> str:
-    """Median with quartiles in brackets."""
-    low, median, high = map(_text, values)
-    return median if low == high else f"{median} [{low}, {high}]"
 
 
 def run_tables(study: Study) -> dict[str, RunTable]:
@@ -137,20 +125,9 @@ def _row(name: str, results: Sequence[Result]) -> RunRow:
 
 
 def print_runs(tables: Mapping[str, RunTable]) -> None:
-    """Print one table an experiment: boxed on a terminal, aligned columns in a pipe."""
-    console = Console()
+    """Print one table an experiment."""
     for name, table in tables.items():
-        if console.is_terminal:
-            shown = Table(*HEADER, title=f"{table.title} ({name})", title_justify="left")
-            for row in table.rows:
-                shown.add_row(*row)
-            console.print(shown)
-            continue
-        lines = [list(HEADER), *table.rows]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(HEADER))]
-        print(f"\n{table.title} ({name})")
-        for line in lines:
-            print("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())
+        show_table(HEADER, table.rows, f"{table.title} ({name})")
 
 
 def write_runs(folder: Path, tables: Mapping[str, RunTable]) -> None:

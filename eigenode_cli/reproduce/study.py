@@ -2,21 +2,20 @@
 
 import copy
 import hashlib
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 from filelock import FileLock, Timeout
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from eigenode_cli.config.check import examine as examine_words
 from eigenode_cli.config.compose import run_config, typed
 from eigenode_cli.config.composer import Composer
-from eigenode_cli.console import counted, duration
+from eigenode_cli.console import counted, counter, duration
 from eigenode_cli.errors import UserError, unknown
 from eigenode_cli.reproduce.library import load, names, run_lines, words_of
 from eigenode_cli.reproduce.measures import Result
@@ -31,8 +30,6 @@ INTERRUPTED = 130
 """Exit status of a run that the user interrupted."""
 LOCK = ".lock"
 """File in the output folder that is held by who writes there."""
-LINES = 20
-"""About as many lines of progress go into a pipe."""
 
 
 @dataclass(frozen=True)
@@ -153,12 +150,10 @@ def train(study: Study, jobs: int) -> None:
     print(f"protocol {study.protocol}: {counted(len(units), 'run')}, {len(units) - len(todo)} of them finished before")
     start = perf_counter()
     failed = 0
-    with _counter("training", len(todo)) as done:
-        for status in in_parallel(train_unit, todo, jobs):
-            if status == INTERRUPTED:  # the run has saved where it stands; the same command goes on from there
-                raise KeyboardInterrupt
-            failed += status != 0
-            done()
+    for status in _counted("training", in_parallel(train_unit, todo, jobs), len(todo)):
+        if status == INTERRUPTED:  # the run has saved where it stands; the same command goes on from there
+            raise KeyboardInterrupt
+        failed += status != 0
     if todo:
         print(
             f"trained {counted(len(todo), 'run')} in {duration(perf_counter() - start)}"
@@ -171,13 +166,11 @@ def examine(study: Study, jobs: int) -> None:
     from eigenode_cli.reproduce.post_training import measure_gradient_cost, measure_test, measure_tight  # noqa: PLC0415  # torch
 
     tested = [unit for unit in distinct([*study.tabled(), *study.measured("test_sol")]) if unit.status in FINAL]
-    with _counter("testing", len(tested)) as done:
-        for _ in in_parallel(measure_test, tested, jobs):
-            done()
+    for _ in _counted("testing", in_parallel(measure_test, tested, jobs), len(tested)):
+        pass
     solved = [unit for unit in study.measured("tight_error") if unit.status in FINAL]
-    with _counter("solving again", len(solved)) as done:
-        for _ in in_parallel(measure_tight, solved, jobs):
-            done()
+    for _ in _counted("solving again", in_parallel(measure_tight, solved, jobs), len(solved)):
+        pass
     for unit in study.measured("gradient_cost"):
         if unit.status in FINAL:
             measure_gradient_cost(unit)
@@ -219,28 +212,10 @@ def alone(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-@contextmanager
-def _counter(what: str, total: int) -> Iterator[Callable[[], None]]:
-    """A progress bar on a terminal, some plain lines in a pipe; yields what to call after each piece."""
-    if not total:
-        yield _nothing
-        return
-    if sys.stdout.isatty():
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        with Progress(*columns) as progress:
-            task = progress.add_task(what, total=total)
-            yield lambda: progress.advance(task)
-        return
-    count = 0
-
-    def advance() -> None:
-        nonlocal count
-        count += 1
-        if count == total or count % max(1, total // LINES) == 0:
-            print(f"{what} {count}/{total}", flush=True)
-
-    yield advance
-
-
-def _nothing() -> None:
-    """Nothing to count."""
+def _counted(what: str, results: Iterable[Any], total: int) -> Iterator[Any]:
+    """The results, each counted as it comes."""
+    if total:
+        with counter(what, total, start=1) as shown:
+            for done, result in enumerate(results, start=1):
+                yield result
+                shown.show(done)

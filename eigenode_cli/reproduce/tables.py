@@ -6,16 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from rich.console import Console
-from rich.table import Table
-
-from eigenode_cli.console import counted
+from eigenode_cli.console import counted, number, show_table
 from eigenode_cli.reproduce.verdicts import FAILS, HOLDS, MIXED, UNDEFINED, Verdict
 from eigenode_cli.runs.atomic import write_json, write_table, write_text
 
 HEADER = ("claim", "place", "expected", "found (quartiles)", "seeds", "failures", "verdict")
-COLORS = {HOLDS: "green", MIXED: "yellow", FAILS: "red", UNDEFINED: "red"}
-NOTHING = "\N{EN DASH}"
 RUNS_NOTE = (
     "Runs are shown as they end: medians over the seeds with quartiles in brackets; failures are seeds without a"
     " number. The largest real part of any eigenvalue along the trajectory is in 1/s. Time is the training time of the"
@@ -47,20 +42,16 @@ class Summary:
     command: str
 
 
-def number(value: float | None) -> str:
-    """Three significant digits, `never` for a step that was not reached, a dash where there is no number."""
-    if value is None:
-        return NOTHING
-    if math.isinf(value):
-        return "never"
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+def reached(value: float | None) -> str:
+    """A number, or `never` for a step that was not reached."""
+    return "never" if value is not None and math.isinf(value) else number(value)
 
 
 def found(verdict: Verdict) -> str:
     """Median with quartiles in brackets, the number alone where there is no spread."""
     if verdict.median is None or verdict.q25 == verdict.q75:
-        return number(verdict.median)
-    return f"{number(verdict.median)} [{number(verdict.q25)}, {number(verdict.q75)}]"
+        return reached(verdict.median)
+    return f"{reached(verdict.median)} [{reached(verdict.q25)}, {reached(verdict.q75)}]"
 
 
 def cells(verdict: Verdict) -> tuple[str, ...]:
@@ -86,24 +77,11 @@ def counts(verdicts: Sequence[Verdict]) -> str:
 
 
 def print_verdicts(verdicts: Sequence[Verdict], summary: Summary) -> None:
-    """Print one table an experiment: boxed on a terminal, one line a claim in a pipe."""
-    console = Console()
+    """Print one table an experiment, then the counts."""
     for name, title in summary.titles.items():
-        rows = [verdict for verdict in verdicts if verdict.experiment == name]
-        if not rows:
-            continue
-        if console.is_terminal:
-            table = Table(*HEADER, title=f"{title} ({name})", title_justify="left")
-            for verdict in rows:
-                color = COLORS[verdict.verdict]
-                table.add_row(*cells(verdict)[:-1], f"[bold {color}]{verdict.verdict}[/]")
-            console.print(table)
-        else:
-            print(f"\n{title} ({name})")
-            for verdict in rows:
-                line = f"{verdict.expected}: {found(verdict)}, {verdict.kept} of {counted(verdict.seeds, 'seed')}"
-                failed = f", {verdict.failures} failed" if verdict.failures else ""
-                print(f"{verdict.verdict:<9}  {verdict.sentence}  ({verdict.place}; {line}{failed})")
+        rows = [cells(verdict) for verdict in verdicts if verdict.experiment == name]
+        if rows:
+            show_table((HEADER[-1], *HEADER[:-1]), [(row[-1], *row[:-1]) for row in rows], f"{title} ({name})")
     print(f"\nprotocol {summary.protocol}, {counted(summary.repetitions, 'seed')}, {counts(verdicts)}")
 
 

@@ -24,6 +24,7 @@ COLUMNS = ("step", "train_seconds", "lr", *NAMES, "max_real", "n_accepted", "n_r
 """Columns of metrics.csv; the user's own terms follow behind."""
 OPTIMIZER = "optimizer."
 """What the optimizer's arrays are named in last.safetensors, before their own names."""
+BEST_THETA = "best_theta"
 METRICS = "metrics.csv"
 LAST = "checkpoints/last.safetensors"
 ANYWAY = f"move {METRICS} away to go on without the records so far"
@@ -67,13 +68,13 @@ class Recorder:
                 self._file.close()
             self._file = None
 
-    def record(
+    def describe(
         self, progress: Progress, lr: float, evaluation: Evaluation, monitored: Mapping[str, float] | None = None
     ) -> dict[str, Any]:
-        """Append one row to metrics.csv and return it; `monitored` is what the optimizer tells of itself."""
+        """Return one row of metrics.csv; `monitored` is what the optimizer tells of itself."""
         losses = dict(zip(self.names, (float(value) for value in evaluation.values), strict=True))
         real = evaluation.spectra.real
-        row: dict[str, Any] = {
+        return {
             "step": progress.step,
             "train_seconds": round(progress.train_seconds, 6),
             "lr": lr,
@@ -86,12 +87,14 @@ class Recorder:
             **{name: (monitored or {})[name] for name in self._monitored},
             **{name: losses[name] for name in self.names if name not in NAMES},
         }
+
+    def record(self, row: Mapping[str, Any]) -> None:
+        """Append one row to metrics.csv."""
         if self._file is None:
             raise RuntimeError("the recorder is not open")
         with writing(self._metrics):
             csv.writer(self._file, lineterminator="\n").writerow([cell(value) for value in row.values()])
             self._file.flush()
-        return row
 
     def checkpoint(self, step: int, network: dict[str, torch.Tensor]) -> Path:
         """Write the network's float64 state_dict as `checkpoints/step-NNNNNN.safetensors`; returns its path."""
@@ -106,6 +109,8 @@ class Recorder:
         files can't leave a pair that does not belong together.
         """
         tensors = {"theta": torch.from_numpy(snapshot.theta), "random_state": snapshot.random_state}
+        if snapshot.best is not None:
+            tensors[BEST_THETA] = torch.from_numpy(snapshot.best)
         tensors |= {f"{OPTIMIZER}{name}": torch.from_numpy(array) for name, array in snapshot.optimizer.items()}
         tensors |= _plain(network)
         state = vars(snapshot.progress)
@@ -146,10 +151,8 @@ def complete_rows(folder: Path, header: str, before: int) -> list[str]:
     return rows
 
 
-def load_last(folder: Path) -> tuple[Progress, Floats, dict[str, Floats]] | None:
-    """Progress, parameters `(P,)` and optimizer state as `save_last` wrote them; None where nothing was saved yet.
-
-    Sets torch's random state to the saved one.
+def load_last(folder: Path) -> Snapshot | None:
+    """What `save_last` wrote; None where nothing was saved yet. Sets torch's random state to the saved one.
 
     Raises:
         RecordError: it is damaged.
@@ -161,13 +164,15 @@ def load_last(folder: Path) -> tuple[Progress, Floats, dict[str, Floats]] | None
         with safe_open(path, framework="pt") as file:
             progress = Progress(**json.loads(file.metadata()["progress"]))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a dict
-        torch.set_rng_state(tensors.pop("random_state"))
+        random_state = tensors.pop("random_state")
+        torch.set_rng_state(random_state)
         theta = tensors.pop("theta").numpy().copy()
     except (SafetensorError, OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
         raise RecordError(f"{LAST}: cannot be read ({type(error).__name__}: {error}); start the run again") from error
     named = {name: tensor for name, tensor in tensors.items() if name.startswith(OPTIMIZER)}
     optimizer = {name.removeprefix(OPTIMIZER): tensor.numpy().copy() for name, tensor in named.items()}
-    return progress, theta, optimizer
+    best = tensors[BEST_THETA].numpy().copy() if BEST_THETA in tensors else None
+    return Snapshot(progress, theta, optimizer, random_state, best)
 
 
 def _plain(network: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:

@@ -1,10 +1,20 @@
 """Solver settings: which Runge-Kutta method, and how its steps are chosen."""
 
 from dataclasses import dataclass
+from typing import ClassVar
+
+from eigenode_cli.solve.tableau import Tableau
+
+
+class RungeKutta:
+    """An explicit Runge-Kutta method with its settings; one of your own is a subclass with its `tableau`."""
+
+    tableau: ClassVar[Tableau | None] = None
+    """Coefficients (`solve.tableau.explicit`), which both engines run; None for a shipped method, by its name."""
 
 
 @dataclass(frozen=True)
-class AdaptiveSolver:
+class AdaptiveSolver(RungeKutta):
     """An embedded Runge-Kutta method with step-size control.
 
     Attributes:
@@ -21,7 +31,7 @@ class AdaptiveSolver:
 
 
 @dataclass(frozen=True)
-class FixedStepSolver:
+class FixedStepSolver(RungeKutta):
     """A Runge-Kutta method with steps of one size.
 
     Attributes:

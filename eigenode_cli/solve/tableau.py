@@ -4,10 +4,14 @@ Every method here is written with the first-same-as-last property: the last row 
 the derivative at the end of the step. The fourth-order method of a fixed step gets such a stage for its dense output.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+CONSISTENT = 1e-9
+"""Largest error in the sum of the weights of a method."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,44 @@ def _lower(rows: list[list[float]]) -> NDArray[np.float64]:
     for i, row in enumerate(rows):
         a[i, : len(row)] = row
     return a
+
+
+def _hermite(b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The cubic through both ends with the derivatives at both ends, as `dense` weights."""
+    start, end = np.eye(b.size)[0], np.eye(b.size)[-1]
+    return np.stack([start, 3 * b - 2 * start - end, start + end - 2 * b, np.zeros(b.size)], axis=1)
+
+
+def explicit(
+    name: str, order: int, a: Sequence[Sequence[float]], b: Sequence[float], error: Sequence[float] | None = None
+) -> Tableau:
+    """Return the tableau of an explicit method from its Butcher tableau.
+
+    Where the last row of `a` is not `b`, the derivative at the end of the step is added as a further stage. Between
+    steps the solution is the cubic through both ends with the derivatives there: of third order.
+
+    Args:
+        name: of the method.
+        order: of the solution.
+        a: rows of the strictly lower triangle, the first one empty.
+        b: weights of the solution `(s,)`.
+        error: `b` minus the weights of the embedded method `(s,)`; None for a method of fixed steps.
+
+    Raises:
+        ValueError: rows are missing or too long, or the weights do not add up to 1 (of `error` to 0).
+    """
+    stages = len(b)
+    if len(a) != stages or any(len(row) > i for i, row in enumerate(a)):
+        raise ValueError(f"{name}: {stages} weights need {stages} rows of a, row i with at most i coefficients")
+    if abs(sum(b) - 1.0) > CONSISTENT or abs(sum(error or ())) > CONSISTENT:
+        raise ValueError(f"{name}: the weights of the solution must add up to 1, those of the error to 0")
+    last = [*a[-1], *[0.0] * (stages - len(a[-1]))]
+    same = b[-1] == 0.0 and list(b) == last
+    rows = [list(row) for row in a] + ([] if same else [list(b)])
+    matrix = _lower(rows)
+    weights = np.zeros(len(rows))
+    weights[:stages] = [0.0] * stages if error is None else list(error)
+    return Tableau(name=name, order=order, a=matrix, error=weights, dense=_hermite(matrix[-1]))
 
 
 # Ch. Tsitouras, Runge-Kutta pairs of order 5(4) satisfying only the first column simplifying assumption,
@@ -134,12 +176,6 @@ def _quartic(b: NDArray[np.float64], midpoint: NDArray[np.float64]) -> NDArray[n
     cube = 5 * start - 3 * end + 14 * b - 32 * midpoint
     fourth = 2 * (end - start) - 8 * b + 16 * midpoint
     return np.stack([start, square, cube, fourth], axis=1)
-
-
-def _hermite(b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The cubic through both ends with the derivatives at both ends, as `dense` weights."""
-    start, end = np.eye(b.size)[0], np.eye(b.size)[-1]
-    return np.stack([start, 3 * b - 2 * start - end, start + end - 2 * b, np.zeros(b.size)], axis=1)
 
 
 DOPRI5 = Tableau(

@@ -7,6 +7,7 @@ in-place tricks, so that forward-mode differentiation passes through a solve as 
 
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 from torchdiffeq._impl.adaptive_heun import AdaptiveHeunSolver
@@ -20,7 +21,7 @@ from torchdiffeq._impl.rk_common import RKAdaptiveStepsizeODESolver, _ButcherTab
 
 from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
-from eigenode_cli.solve.tableau import TSIT5
+from eigenode_cli.solve.tableau import TSIT5, Tableau
 
 
 class SolveStopped(Exception):
@@ -31,18 +32,10 @@ class SolveStopped(Exception):
         self.status = status
 
 
-class Tsit5Solver(RKAdaptiveStepsizeODESolver):
-    """Tsitouras' 5(4) pair with its own fourth-order interpolant (see `solve.tableau.TSIT5`)."""
+class TableauSolver(RKAdaptiveStepsizeODESolver):
+    """A method of `solve.tableau` with its own dense output."""
 
-    order = 5
-    tableau = _ButcherTableau(
-        alpha=torch.from_numpy(TSIT5.c[1:].copy()),
-        beta=[torch.from_numpy(TSIT5.a[i, :i].copy()) for i in range(1, 7)],
-        c_sol=torch.from_numpy(TSIT5.b.copy()),
-        c_error=torch.from_numpy(TSIT5.error.copy()),
-    )
-    mid = torch.from_numpy(TSIT5.dense @ (0.5 ** torch.arange(1, 5, dtype=torch.float64).numpy()))
-    dense = torch.from_numpy(TSIT5.dense.copy())
+    dense: Tensor
 
     def _interp_fit(self, y0: Tensor, y1: Tensor, k: Tensor, dt: Tensor) -> list[Tensor]:
         del y1
@@ -141,8 +134,22 @@ def _stepped(method: type[RKAdaptiveStepsizeODESolver]) -> type[SteppedSolver]:
     return type(method.__name__, (SteppedSolver, method), {})
 
 
+def of_tableau(tableau: Tableau) -> type[SteppedSolver]:
+    """Return the solver of a method, whose steps are chosen or given."""
+    butcher = _ButcherTableau(
+        alpha=torch.from_numpy(tableau.c[1:].copy()),
+        beta=[torch.from_numpy(tableau.a[i, :i].copy()) for i in range(1, tableau.error.size)],
+        c_sol=torch.from_numpy(tableau.b.copy()),
+        c_error=torch.from_numpy(tableau.error.copy()),
+    )
+    middle = torch.from_numpy(tableau.dense @ (0.5 ** np.arange(1, 5)))
+    dense = torch.from_numpy(tableau.dense.copy())
+    own = {"order": tableau.order, "tableau": butcher, "mid": middle, "dense": dense}
+    return _stepped(type(tableau.name, (TableauSolver,), own))
+
+
 ADAPTIVE: dict[str, type[SteppedSolver]] = {
-    "tsit5": _stepped(Tsit5Solver),
+    "tsit5": of_tableau(TSIT5),
     "dopri5": _stepped(Dopri5Solver),
     "bosh3": _stepped(Bosh3Solver),
     "dopri8": _stepped(Dopri8Solver),

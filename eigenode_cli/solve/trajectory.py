@@ -12,8 +12,9 @@ from torchdiffeq._impl.interp import _interp_evaluate
 
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
-from eigenode_cli.solve.times import checked_times, fixed_step_count
-from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, SolveStopped, rms_norm
+from eigenode_cli.solve.tableau import Tableau
+from eigenode_cli.solve.times import checked_times, fixed_step_count, fixed_steps
+from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, SolveStopped, of_tableau, rms_norm
 
 Field = Callable[[Tensor], Tensor]
 
@@ -67,18 +68,25 @@ def solve(
     """
     times = torch.from_numpy(checked_times(times))
     if isinstance(config, AdaptiveSolver):
-        return _solve_adaptive(field, initial_state, times, config, steps)
+        return _solve_adaptive(field, initial_state, times, config, steps, config.tableau)
+    if isinstance(config, FixedStepSolver) and config.tableau is not None:
+        sizes = fixed_steps(config.step, float(times[0]), float(times[-1])).tolist()
+        return _solve_adaptive(field, initial_state, times, AdaptiveSolver(rtol=1.0, atol=1.0), sizes, config.tableau)
     if isinstance(config, FixedStepSolver):
         return _solve_fixed(field, initial_state, times, config)
     raise ValueError(f"solver={config.name}: neither adaptive nor of fixed step")
 
 
 def _solve_adaptive(
-    field: Field, initial_state: Tensor, times: Tensor, config: AdaptiveSolver, steps: list[float] | None
+    field: Field,
+    initial_state: Tensor,
+    times: Tensor,
+    config: AdaptiveSolver,
+    steps: list[float] | None,
+    tableau: Tableau | None,
 ) -> Trajectory:
-    solver = ADAPTIVE[config.name](
-        func=lambda _t, y: field(y), y0=initial_state, rtol=config.rtol, atol=config.atol, norm=rms_norm
-    )
+    method = ADAPTIVE[config.name] if tableau is None else of_tableau(tableau)
+    solver = method(func=lambda _t, y: field(y), y0=initial_state, rtol=config.rtol, atol=config.atol, norm=rms_norm)
     solver.prepare(float(times[-1]), config.max_steps, steps)
     states = [initial_state] * int((times == times[0]).sum())
     status = Status.OK

@@ -271,9 +271,11 @@ def term_units(problem: Problem) -> dict[str, float]:
     their angular frequencies, STF by that of the corridor's upper end, and DMP, a ratio, by 1. A unit that nothing
     tells is 1.
     """
-    values, targets = problem.data.values[problem.data.mask], problem.targets
-    frequency = targets.frequency[np.isfinite(targets.frequency)]
-    ratio = targets.stiffness[:, 1][np.isfinite(targets.stiffness[:, 1])]
+    every = problem.trajectories
+    values = np.concatenate([one.data.values[one.data.mask] for one in every])
+    frequency = np.concatenate([one.targets.frequency[np.isfinite(one.targets.frequency)] for one in every])
+    corridors = np.concatenate([one.targets.stiffness[:, 1] for one in every])
+    ratio = corridors[np.isfinite(corridors)]
     hertz = _mean_square(frequency)
     angular = (2.0 * math.pi) ** 2 * hertz if frequency.size else 1.0
     return {

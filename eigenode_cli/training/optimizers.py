@@ -6,7 +6,6 @@ Their updates are compiled (`engines.first_order`), so that the compiled engine 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,84 +13,16 @@ from numpy.typing import NDArray
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.base import Engine
+from eigenode_cli.engines.combine import combine
 from eigenode_cli.engines.first_order import ADAM, SGD, take_update
 from eigenode_cli.engines.update import Update, learn
-from eigenode_cli.training.bfgs import Bfgs
+from eigenode_cli.training.bfgs import Bfgs, Lbfgs
 from eigenode_cli.training.least_squares import RIDGE, Iteration, LeastSquares
+from eigenode_cli.training.methods import Adam, AdamBfgs, LevenbergMarquardt, Method, OwnMethod, Sgd
+from eigenode_cli.training.schedules import Schedule
 from eigenode_cli.training.total_loss import Objective
 
-
-@dataclass(frozen=True)
-class Method:
-    """What every first-order method has: a learning rate, constant or decaying.
-
-    Attributes:
-        lr: learning rate; with a schedule the one that it ends at: `lr + lr_extra exp(-lr_rate k)` at training step k.
-        lr_extra: what is added to the learning rate at first.
-        lr_rate: how fast that decays, per training step.
-        lr_every: training steps between changes of the learning rate.
-    """
-
-    lr: float = 1e-3
-    lr_extra: float = 0.0
-    lr_rate: float = 0.0
-    lr_every: int = 1
-
-    def learning_rate(self, step: int) -> float:
-        """Return the learning rate of training step `step`."""
-        return self.lr + self.lr_extra * math.exp(-self.lr_rate * (step - step % self.lr_every))
-
-
-@dataclass(frozen=True)
-class Adam(Method):
-    """D. P. Kingma, J. Ba, Adam: a method for stochastic optimization, ICLR 2015, Algorithm 1.
-
-    https://arxiv.org/abs/1412.6980
-    """
-
-    beta1: float = 0.9
-    beta2: float = 0.999
-    eps: float = 1e-8
-
-
-@dataclass(frozen=True)
-class Sgd(Method):
-    """Gradient descent with heavy-ball momentum, in the form of torch.optim.SGD."""
-
-    momentum: float = 0.0
-
-
-@dataclass(frozen=True)
-class AdamBfgs(Adam):
-    """Adam, then BFGS with a line search on the sum of the scaled terms.
-
-    Attributes:
-        adam_steps: leading training steps that Adam takes.
-    """
-
-    adam_steps: int = 1000
-
-
-@dataclass(frozen=True)
-class LevenbergMarquardt(Adam):
-    """Levenberg-Marquardt on the residuals of all terms; Adam's update only where the solve fails.
-
-    Attributes:
-        damping: the first one of each phase, in units of the mean of the diagonal of `J^T J`.
-        tolerance: a phase has converged where a step lowers the sum of squares by less than this share.
-        ridge: factor of the squared parameters of the network, added to the sum of squares; the first one where it
-            follows the evidence.
-        evidence: whether the ridge follows the evidence (`LeastSquares.evidence_ridge`) in the last phase, from step to
-            step. While the horizon grows nearly everything is noise to it.
-        huber: residuals of SOL beyond this size count linearly; infinite for plain squares.
-    """
-
-    lr: float = 1e-2
-    damping: float = 1e-3
-    tolerance: float = 1e-4
-    ridge: float = 0.0
-    evidence: bool = False
-    huber: float = math.inf
+CONSTANT = Schedule()
 
 
 class Optimizer:
@@ -100,6 +31,7 @@ class Optimizer:
     Args:
         method: which one, with its constants.
         parameters: P.
+        schedule: of the learning rate.
 
     Attributes:
         code, options, memory, count: as in `take_update`.
@@ -111,8 +43,9 @@ class Optimizer:
     label = "the optimizer"
     """Name in messages."""
 
-    def __init__(self, method: Method, parameters: int) -> None:
-        self._method = method
+    def __init__(self, method: Method | OwnMethod, parameters: int, schedule: Schedule = CONSTANT) -> None:
+        self._method, self._schedule = method, schedule
+        self._plateau = np.array([1.0, math.inf, 0.0])
         self.count = np.zeros(1)
         if isinstance(method, Adam):
             self.code, names = ADAM, ("first_moment", "second_moment")
@@ -120,14 +53,20 @@ class Optimizer:
         elif isinstance(method, Sgd):
             self.code, names = SGD, ("velocity",)
             self.options = np.array([method.momentum])
+        elif isinstance(method, OwnMethod):  # its own update takes the steps (`OwnOptimizer`)
+            self.code, names, self.options = SGD, (), np.zeros(1)
         else:
             raise TypeError(f"{type(method).__name__}: no such optimizer")
         self.memory = np.zeros((len(names), parameters))
-        self._state = dict(zip(names, self.memory, strict=True)) | {"count": self.count}
+        self._state = dict(zip(names, self.memory, strict=True)) | {"count": self.count, "plateau": self._plateau}
 
     def lr(self, step: int) -> float:
         """Return the learning rate of training step `step`; a step may take several updates."""
-        return self._method.learning_rate(step)
+        return float(self._plateau[0]) * self._schedule.rate(self._method.lr, step)
+
+    def observe(self, value: float) -> None:
+        """Take note of the sum of the scaled terms at a record, infinite where it is not defined."""
+        self._schedule.observe(self._plateau, value)
 
     def update(self, theta: Floats, gradient: Floats, lr: float) -> None:
         """Change `theta (P,)` in place by one step of rate `lr` against `gradient (P,)`."""
@@ -157,8 +96,8 @@ class SearchOptimizer(Optimizer, ABC):
         switch: number of the first training step that is such an iteration; Adam takes those before.
     """
 
-    def __init__(self, method: Method, parameters: int, switch: int) -> None:
-        super().__init__(method, parameters)
+    def __init__(self, method: Method | OwnMethod, parameters: int, switch: int, schedule: Schedule = CONSTANT) -> None:
+        super().__init__(method, parameters, schedule)
         self.switch = switch
 
     @abstractmethod
@@ -193,9 +132,9 @@ class AdamBfgsOptimizer(SearchOptimizer):
 
     label = "BFGS"
 
-    def __init__(self, method: AdamBfgs, parameters: int) -> None:
-        super().__init__(method, parameters, method.adam_steps)
-        self.bfgs = Bfgs(parameters)
+    def __init__(self, method: AdamBfgs, parameters: int, schedule: Schedule = CONSTANT) -> None:
+        super().__init__(method, parameters, method.adam_steps, schedule)
+        self.bfgs = Lbfgs(parameters, method.pairs) if method.pairs > 0 else Bfgs(parameters)
         self._state |= self.bfgs.state()
 
     def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None, last: bool) -> Objective:
@@ -228,8 +167,10 @@ class LeastSquaresOptimizer(SearchOptimizer):
 
     label = "Levenberg-Marquardt"
 
-    def __init__(self, method: LevenbergMarquardt, parameters: int, network: int) -> None:
-        super().__init__(method, parameters, switch=0)
+    def __init__(
+        self, method: LevenbergMarquardt, parameters: int, network: int, schedule: Schedule = CONSTANT
+    ) -> None:
+        super().__init__(method, parameters, 0, schedule)
         self._constants = method
         self._penalised = np.arange(parameters) < network
         self.iteration = Iteration(method.damping, method.tolerance, method.ridge)
@@ -269,19 +210,56 @@ class LeastSquaresOptimizer(SearchOptimizer):
             learn(update, theta, objective.engine.loss_jacobian(theta).gradients, self.adam_lr(step))
 
 
-def build_optimizer(method: Method, parameters: int, network: int | None = None) -> Optimizer:
+class OwnOptimizer(SearchOptimizer):
+    """A method of the user's own, which takes the updates of the combination one after another."""
+
+    label = "the optimizer"
+
+    def __init__(self, method: OwnMethod, parameters: int, schedule: Schedule = CONSTANT) -> None:
+        super().__init__(method, parameters, 0, schedule)
+        self._own = method
+        self._arrays = method.memory(parameters)
+        self._state |= {f"own.{name}": array for name, array in self._arrays.items()}
+
+    def lr(self, step: int) -> float:
+        """See `Optimizer.lr`."""
+        return self.adam_lr(step)
+
+    def objective(self, engine: Engine, scales: Floats, trained: NDArray[np.bool_] | None, last: bool) -> Objective:
+        """See `SearchOptimizer.objective`."""
+        del last
+        return Objective(engine, scales, trained)
+
+    def restart(self) -> None:
+        """See `SearchOptimizer.restart`: a first-order method goes on."""
+
+    def search(self, theta: Floats, objective: Objective, update: Update, step: int) -> None:
+        """See `SearchOptimizer.search`."""
+        count = combine(update.combination, objective.at(theta).jacobian.gradients, update.scales, update.updates)
+        held = theta[update.held]
+        for row in range(count):
+            self._own.update(theta, update.updates[row], self.lr(step), self._arrays)
+        theta[update.held] = held
+
+
+def build_optimizer(
+    method: Method | OwnMethod, parameters: int, network: int | None = None, schedule: Schedule = CONSTANT
+) -> Optimizer:
     """Return the optimizer of a method.
 
     Args:
         method: with its constants.
         parameters: P.
         network: how many of them, the leading ones, are the network's; None for all.
+        schedule: of the learning rate.
     """
     if isinstance(method, AdamBfgs):
-        return AdamBfgsOptimizer(method, parameters)
+        return AdamBfgsOptimizer(method, parameters, schedule)
     if isinstance(method, LevenbergMarquardt):
-        return LeastSquaresOptimizer(method, parameters, parameters if network is None else network)
-    return Optimizer(method, parameters)
+        return LeastSquaresOptimizer(method, parameters, parameters if network is None else network, schedule)
+    if isinstance(method, OwnMethod):
+        return OwnOptimizer(method, parameters, schedule)
+    return Optimizer(method, parameters, schedule)
 
 
 def build_update(

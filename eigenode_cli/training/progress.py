@@ -26,6 +26,12 @@ class Progress:
     """SOL before the first step, None where that solve failed."""
     converged_at: int | None = None
     """Step from which on nothing changes since the terms have no lower point, None while something does."""
+    best_step: int | None = None
+    """Step of the record with the lowest sum of the scaled terms, None before there is one."""
+    best_total: float | None = None
+    """That sum."""
+    records_since_best: int = 0
+    """Records since then."""
     ended: tuple[str, str] | None = None
     """Status and reason of a training that ended before its last step."""
 
@@ -39,18 +45,20 @@ class Snapshot:
         theta: parameters `(P,)`.
         optimizer: the optimizer's state by name.
         random_state: of torch: a user's term may draw.
+        best: parameters of the best record `(P,)`, never changed in place; None before there is one.
     """
 
     progress: Progress
     theta: Floats
     optimizer: dict[str, Floats]
     random_state: torch.Tensor
+    best: Floats | None
 
     @classmethod
-    def take(cls, progress: Progress, theta: Floats, optimizer: dict[str, Floats]) -> "Snapshot":
+    def take(cls, progress: Progress, theta: Floats, optimizer: dict[str, Floats], best: Floats | None) -> "Snapshot":
         """A copy of these and of torch's random state."""
         arrays = {name: array.copy() for name, array in optimizer.items()}
-        return cls(replace(progress), theta.copy(), arrays, torch.get_rng_state())
+        return cls(replace(progress), theta.copy(), arrays, torch.get_rng_state(), best)
 
     def restore(self, theta: Floats, optimizer: dict[str, Floats]) -> None:
         """Put the copy back: into these arrays, and into torch's random state."""

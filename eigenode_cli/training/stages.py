@@ -1,15 +1,16 @@
 """A training is a list of stages: what trains, over which horizon, where spectra are taken, for how many steps."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.composite import SPECTRAL, SplitEngine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import trained_mask
-from eigenode_cli.training.trainer import Phase
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,23 @@ class Stage:
             raise ValueError(f"horizons={self.horizons}: must be fractions above 0 and at most 1")
         if self.spectra not in ("trajectory", "data"):
             raise ValueError(f"spectra={self.spectra}: choose from trajectory, data")
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Training steps that one engine takes: a part of a phase.
+
+    Attributes:
+        first: number of the first of them; the phase lasts to that of the next one.
+        engine: computes the loss Jacobian of L terms.
+        scales: factor of each of these terms' gradients `(L,)`.
+        trained: which parameters train `(P,)`, the others are held; None for all.
+    """
+
+    first: int
+    engine: Engine
+    scales: Floats
+    trained: NDArray[np.bool_] | None = None
 
 
 def stage_lengths(stages: Sequence[Stage], steps: int) -> list[int]:
@@ -83,7 +101,7 @@ def build_phases(
     """
     phases, start = [], 0
     for stage, length in zip(stages, stage_lengths(stages, steps), strict=True):
-        part = problem if stage.terms is None else replace(problem, terms=stage.terms)
+        part = problem if stage.terms is None else problem.changed(terms=stage.terms)
         trained = None if stage.trained is None else trained_mask(blocks or {}, stage.trained)
         factors, shares = np.array([scales[term] for term in part.terms]), len(stage.horizons)
         for number, fraction in enumerate(stage.horizons):
@@ -110,5 +128,5 @@ def _engine(stage: Stage, problem: Problem, fraction: float, engine_of: Callable
         return engine_of(part)
     spectral = tuple(term for term in problem.terms if term in SPECTRAL)
     rest = tuple(term for term in problem.terms if term not in SPECTRAL)
-    at_data = engine_of(replace(problem.unsolved(), terms=spectral))
-    return SplitEngine(problem.terms, engine_of(replace(part, terms=rest)), at_data, problem.stabilise)
+    at_data = engine_of(problem.unsolved().changed(terms=spectral))
+    return SplitEngine(problem.terms, engine_of(part.changed(terms=rest)), at_data, problem.stabilise)

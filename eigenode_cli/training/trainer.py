@@ -8,7 +8,6 @@ from time import perf_counter
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.console import Display, duration
@@ -16,10 +15,12 @@ from eigenode_cli.engines.base import Engine, Evaluation
 from eigenode_cli.engines.update import Update
 from eigenode_cli.interruption import check
 from eigenode_cli.solve.status import SOLVED, Status
-from eigenode_cli.training.ending import DIVERGED, RUNNING, SMALLER, STALLED, Ending, judge
+from eigenode_cli.training.ending import DIVERGED, FINISHED, RUNNING, SMALLER, STALLED, Ending, judge
 from eigenode_cli.training.least_squares import LeastSquares
 from eigenode_cli.training.optimizers import Optimizer, SearchOptimizer, build_update
+from eigenode_cli.training.options import BEST, TrainerOptions, note_record
 from eigenode_cli.training.progress import Progress, Snapshot
+from eigenode_cli.training.stages import Phase
 from eigenode_cli.training.total_loss import Objective, stationary
 
 SAVE_SECONDS = 5.0
@@ -35,10 +36,14 @@ SMOOTHER = "a smaller solver.rtol makes the terms smoother, optimizer=adam needs
 class Recorder(Protocol):
     """What keeps the records of a training; `runs.recorder` writes them into files."""
 
-    def record(
+    def describe(
         self, progress: Progress, lr: float, evaluation: Evaluation, monitored: Mapping[str, float]
     ) -> dict[str, Any]:
-        """Keep one record and return it; `monitored` is what the optimizer tells of itself."""
+        """Return one record; `monitored` is what the optimizer tells of itself."""
+        ...
+
+    def record(self, row: dict[str, Any]) -> None:
+        """Keep one record."""
         ...
 
     def checkpoint(self, step: int, network: dict[str, Any]) -> Path:
@@ -54,40 +59,6 @@ class Unsolvable(Exception):
     """A solve failed and `trainer.on_unsolvable=stop` asks the run to end."""
 
 
-@dataclass(frozen=True)
-class TrainerOptions:
-    """Length of a training and what is written.
-
-    Attributes:
-        steps: training steps.
-        record_every: steps between records.
-        checkpoint_every: steps between checkpoints.
-        on_unsolvable: what to do when a solve fails: stabilise | skip | stop.
-    """
-
-    steps: int = 5000
-    record_every: int = 25
-    checkpoint_every: int = 500
-    on_unsolvable: str = "stabilise"
-
-
-@dataclass(frozen=True)
-class Phase:
-    """Training steps that one engine takes: a part of a phase.
-
-    Attributes:
-        first: number of the first of them; the phase lasts to that of the next one.
-        engine: computes the loss Jacobian of L terms.
-        scales: factor of each of these terms' gradients `(L,)`.
-        trained: which parameters train `(P,)`, the others are held; None for all.
-    """
-
-    first: int
-    engine: Engine
-    scales: Floats
-    trained: NDArray[np.bool_] | None = None
-
-
 @dataclass
 class Trainer:
     """One training.
@@ -98,6 +69,8 @@ class Trainer:
         optimizer: takes the updates.
         combination: how several gradients become updates, a code of `combine`.
         terms: names of those whose losses the display shows.
+        weights: factor of each recorded term in the sum that schedules, stopping and the best weights go by, zero for
+            one that does not count `(6 + user's,)`.
         options: steps, records, checkpoints, what to do when a solve fails.
         recorder: writes records and checkpoints.
         display: shows progress.
@@ -106,6 +79,7 @@ class Trainer:
         network: the network's tensors at given parameters, for checkpoints.
         progress: where the training stands.
         zero_sol: SOL of a model that stays at zero, NaN where SOL does not train: what a diverged one is compared with.
+        best: parameters of the best record so far `(P,)`, None before there is one.
         wall: seconds since the start of the run.
         ending: how it ended, once it has.
     """
@@ -115,6 +89,7 @@ class Trainer:
     optimizer: Optimizer
     combination: int
     terms: tuple[str, ...]
+    weights: Floats
     options: TrainerOptions
     recorder: Recorder
     display: Display
@@ -125,6 +100,7 @@ class Trainer:
     zero_sol: float = math.nan
     wall: Callable[[], float] = perf_counter
     ending: Ending = field(default=Ending(RUNNING), init=False)
+    best: Floats | None = field(default=None, init=False)
     _updates: list[Update] = field(init=False)
     _objective: Objective | LeastSquares | None = field(default=None, init=False)
     _committed: Snapshot = field(init=False)
@@ -142,6 +118,13 @@ class Trainer:
         self._updates = [
             build_update(self.combination, phase.scales, self.optimizer, phase.trained) for phase in self.phases
         ]
+
+    def go_on(self, saved: Snapshot) -> None:
+        """Take up a training where a snapshot stands; one that was stopped goes on."""
+        saved.restore(self.theta, self.optimizer.state())
+        self.progress, self.best = saved.progress, saved.best
+        if self.progress.ended is not None and self.progress.ended[0] == FINISHED:
+            self.progress.ended = None
 
     def run(self) -> dict[str, Any]:
         """Train to the end and return its record; `ending` says how that was.
@@ -161,14 +144,16 @@ class Trainer:
                 final = self.progress.ended is not None or step == self.options.steps
                 if final or step % self.options.record_every == 0:
                     last = self._record()
+                    final = final or self.progress.ended is not None
                 if final or step % self.options.checkpoint_every == 0:
                     self.recorder.checkpoint(step, self.network(self.theta))
                 if final or step % self.options.checkpoint_every == 0 or perf_counter() - saved_at > SAVE_SECONDS:
                     self._save()
                     saved_at = perf_counter()
                 if final:
-                    self.ending = self._judge(last)
-                    return last
+                    kept = self._keep(last)
+                    self.ending = self._judge(kept)
+                    return kept
                 self._advance()
         except KeyboardInterrupt:
             self._roll_back()
@@ -298,12 +283,12 @@ class Trainer:
 
     def _snapshot(self) -> Snapshot:
         self.progress.wall_seconds = self.wall()
-        return Snapshot.take(self.progress, self.theta, self.optimizer.state())
+        return Snapshot.take(self.progress, self.theta, self.optimizer.state(), self.best)
 
     def _roll_back(self) -> None:
         """Undo whatever an interrupted step has changed."""
         self._committed.restore(self.theta, self.optimizer.state())
-        self.progress, self._objective = self._committed.progress, None
+        self.progress, self.best, self._objective = self._committed.progress, self._committed.best, None
 
     def _part(self, step: int) -> tuple[int, bool]:
         """Number of the phase that a step belongs to, and whether it is an iteration on the whole function."""
@@ -353,18 +338,45 @@ class Trainer:
         return "SOL is skipped, the spectral terms go on until it succeeds"
 
     def _record(self) -> dict[str, Any]:
-        row = self.recorder.record(
-            self.progress,
-            self.optimizer.lr(self.progress.step),
-            self.engine.evaluate(self.theta, self.dense_times),
-            self.optimizer.records,
-        )
+        evaluation = self.engine.evaluate(self.theta, self.dense_times)
+        total = self._total(evaluation)
+        if math.isfinite(total) and note_record(self.progress, total):
+            self.best = self.theta.copy()
+        self.optimizer.observe(total)
+        row = self._row(evaluation)
+        self.recorder.record(row)
         done = self.progress.step
         if done == 0 and row["status"] == Status.OK.label:
             self.progress.first_sol = row["sol"]
         rate = self.progress.train_seconds / done if done else None
         self.display.record(done, {name: row[name] for name in self.terms}, rate)
+        reason = self.options.stopping.reason(self.progress, row["sol"])
+        if reason is not None and self.progress.ended is None and done < self.options.steps:
+            self.progress.ended = (FINISHED, reason)
+            self.display.say(f"step {done}: stopped, {reason}")
+            self._commit()
         return row
+
+    def _row(self, evaluation: Evaluation) -> dict[str, Any]:
+        rate = self.optimizer.lr(self.progress.step)
+        return self.recorder.describe(self.progress, rate, evaluation, self.optimizer.records)
+
+    def _total(self, evaluation: Evaluation) -> float:
+        """Sum of the scaled terms at a record, infinite where it is not defined."""
+        counted = self.weights > 0.0
+        total = float(self.weights[counted] @ evaluation.values[counted])
+        return total if evaluation.status is Status.OK and math.isfinite(total) else math.inf
+
+    def _keep(self, last: dict[str, Any]) -> dict[str, Any]:
+        """Put the weights that are asked for into `theta`; returns their record."""
+        best = self.best
+        if self.options.keep != BEST or best is None or self.progress.best_step == self.progress.step:
+            return last
+        self.theta[:] = best
+        self.recorder.checkpoint(self.progress.best_step or 0, self.network(self.theta))
+        self.display.say(f"kept: the weights of step {self.progress.best_step}")
+        row = self._row(self.engine.evaluate(self.theta, self.dense_times))
+        return row | {"step": self.progress.best_step}
 
     def _save(self) -> None:
         self.recorder.save_last(self._committed, self.network(self._committed.theta))

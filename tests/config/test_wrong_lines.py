@@ -50,7 +50,7 @@ WRONG = [
     ("train solver=rk4 solver.rtol=1e-3", "solver.rtol=1e-3: rk4 has no option 'rtol' (it has: step)"),
     (
         "train optimizer=sgd optimizer.beta1=0",
-        "optimizer.beta1=0: sgd has no option 'beta1' (it has: lr, lr_extra, lr_rate, lr_every, momentum)",
+        "optimizer.beta1=0: sgd has no option 'beta1' (it has: lr, momentum)",
     ),
     ("train network.hiden=[8]", "network.hiden=[8]: mlp has no option 'hiden', did you mean network.hidden?"),
     ("train engine.sensitivity=forward", "engine.sensitivity=forward: auto has no option 'sensitivity' (it has: none)"),
@@ -131,9 +131,9 @@ WRONG = [
     ("train target=stated grads=stf", "grads=stf: stf has nothing to meet; state target.stiffness=[low,high]"),
     (
         "train trainer.pretrain=frq",
-        "trainer.pretrain=frq: the list of stages says it now, for example 'stages=[{terms:frq",
+        "trainer.pretrain=frq: another setting says it now, for example 'stages=[{terms:frq",
     ),
-    ("train eigen.at=data", "eigen.at=data: the list of stages says it now, for example stages.0.spectra=data"),
+    ("train eigen.at=data", "eigen.at=data: another setting says it now, for example stages.0.spectra=data"),
     (
         "train stages=[{terms:frq,steps:9},{}] trainer.steps=9",
         "trainer.steps=9: the stages take 9 of them, 1 more share the rest; give more steps",

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eigenode_cli.reporting.report import CAPTIONS, NOTHING, headline, metrics_table, number, write_report
+from eigenode_cli.console import NOTHING
+from eigenode_cli.reporting.page import page_number as number
+from eigenode_cli.reporting.report import CAPTIONS, headline, metrics_table, write_report
 from eigenode_cli.runs.reader import read_run
 from tests import fake_run
 

@@ -88,15 +88,15 @@ def test_a_unit_of_other_settings_in_its_place_does_not_count(elsewhere: Path) -
     made = prepare([write_experiment(elsewhere)], None, 1)
     unit = made.all_units[0]
     unit.folder.mkdir(parents=True)
-    assert unit.status is None
+    assert unit.status == "waiting"
     record = {"status": "finished", "config": container(unit.config)}
     (unit.folder / "run.json").write_text(json.dumps(record))
     assert unit.status == "finished"
     record["config"] = container(replace(unit.config, grads="sol+osc"))
     (unit.folder / "run.json").write_text(json.dumps(record))
-    assert unit.status is None
+    assert unit.status == "waiting"
     (unit.folder / "run.json").write_text('{"status": "fini')
-    assert unit.status is None
+    assert unit.status == "waiting"
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from eigenode_cli.batch import run
 from eigenode_cli.config.build import gradient_scales
 from eigenode_cli.config.compose import compose, typed
-from eigenode_cli.config.schema import AdamConfig, MlpConfig, SequentialConfig, TrainConfig
+from eigenode_cli.config.schema import AdamConfig, ExponentialConfig, MlpConfig, SequentialConfig, TrainConfig
 from eigenode_cli.config.setup import build
 
 ALL = ("sol", "frq", "dmp", "stb", "osc", "stf")
@@ -67,7 +67,11 @@ def test_choices(
     assert (network.init, network.input_scaling, network.output_scaling) == (init, scaling, scaling)
     assert combine.name == combination
     assert repeats == (isinstance(combine, SequentialConfig) and combine.repeat_last_update)
-    assert (optimizer.lr, optimizer.lr_extra, optimizer.lr_rate, optimizer.lr_every) == rate
+    schedule = config.schedule
+    shape = (
+        (schedule.extra, schedule.rate, schedule.every) if isinstance(schedule, ExponentialConfig) else (0.0, 0.0, 1)
+    )
+    assert (optimizer.lr, *shape) == rate
     assert (config.eigen.eigenvalue_count, config.trainer.record_every) == (count, every)
 
 

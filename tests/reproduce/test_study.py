@@ -14,7 +14,7 @@ from eigenode_cli.reproduce import study as way
 from eigenode_cli.reproduce.journal import HEADER, hit_step, journal_table
 from eigenode_cli.reproduce.library import names
 from eigenode_cli.reproduce.study import Study, choose, prepare, train
-from eigenode_cli.reproduce.tables import counts, found, number
+from eigenode_cli.reproduce.tables import counts, found, reached
 from tests.reproduce.conftest import write_experiment
 
 
@@ -151,7 +151,7 @@ def test_counts_of_claims(verdicts: int, said: str, study: Study) -> None:
 def test_one_seed_is_one_seed(study: Study, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_small("--repetitions", "1") == 0
     said = capsys.readouterr().out
-    assert "1 of 1 seed)" in said
+    assert "1 of 1 " in said
     assert "protocol paper, 1 seed, 3 claims: 2 holds, 1 fails" in said
     assert "1 seeds" not in said
 
@@ -183,9 +183,9 @@ def test_hit_step_is_the_first_below(study: Study) -> None:
 
 
 def test_numbers_in_the_table() -> None:
-    assert number(None) == "\N{EN DASH}"
-    assert number(float("inf")) == "never"
-    assert (number(0.012345), number(2587.5)) == ("0.0123", "2588")
+    assert reached(None) == "\N{EN DASH}"
+    assert reached(float("inf")) == "never"
+    assert (reached(0.012345), reached(2587.5)) == ("0.0123", "2588")
 
 
 def test_found_shows_quartiles_only_where_they_differ(study: Study) -> None:

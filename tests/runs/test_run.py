@@ -136,7 +136,12 @@ def test_checkpoints_rebuild_the_network(short: Path) -> None:
     names = ("layers.0.weight", "layers.0.bias", "layers.1.weight", "layers.1.bias")
     flat = np.concatenate([weights[name].numpy().ravel() for name in names])
     np.testing.assert_array_equal(last["theta"].numpy(), flat)
-    assert {name for name in last if not name.startswith("optimizer.")} == {*names, "theta", "random_state"}
+    assert {name for name in last if not name.startswith("optimizer.")} == {
+        *names,
+        "theta",
+        "best_theta",
+        "random_state",
+    }
     for name in names:
         np.testing.assert_array_equal(last[name].numpy(), weights[name].numpy())
     assert json.loads((short / "checkpoints" / "last.json").read_text())["step"] == 12

@@ -7,14 +7,14 @@ import pytest
 from scipy.optimize import minimize, rosen, rosen_der
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.training.bfgs import CURVATURE, DECREASE, TRIALS, Bfgs, Point, line_search
+from eigenode_cli.training.bfgs import CURVATURE, DECREASE, TRIALS, Bfgs, Lbfgs, Point, QuasiNewton, line_search
 
 
 def rosenbrock(theta: Floats) -> Point:
     return Point(float(rosen(theta)), rosen_der(theta))
 
 
-def descend(bfgs: Bfgs, theta: Floats, function, steps: int) -> None:
+def descend(bfgs: QuasiNewton, theta: Floats, function, steps: int) -> None:
     for _ in range(steps):
         bfgs.step(theta, function(theta), function)
 
@@ -93,3 +93,42 @@ def test_uphill_and_flat_have_no_lower_point() -> None:
     theta = np.zeros(2)
     assert line_search(theta, np.ones(2), 1.0, Point(0.0, np.ones(2)), rosenbrock) is None
     assert line_search(theta, np.zeros(2), 1.0, Point(0.0, np.zeros(2)), rosenbrock) is None
+
+
+def test_the_two_loops_are_the_matrix_of_the_pairs() -> None:
+    rng = np.random.default_rng(0)
+    limited = Lbfgs(5, pairs=3)
+    pairs = []
+    for _ in range(5):
+        step = rng.standard_normal(5)
+        change = step + 0.3 * rng.standard_normal(5)
+        if step @ change > 0.0:
+            limited._learn(step, change, float(step @ change))
+            limited._phase[0] = 1.0
+            pairs.append((step, change))
+    step, change = pairs[-1]
+    matrix = np.eye(5) * (step @ change) / (change @ change)
+    for step, change in pairs[-3:]:
+        left = np.eye(5) - np.outer(step, change) / (step @ change)
+        matrix = left @ matrix @ left.T + np.outer(step, step) / (step @ change)
+    gradient = rng.standard_normal(5)
+    np.testing.assert_allclose(limited._scaled(gradient), matrix @ gradient, rtol=1e-12)
+
+
+def test_limited_memory_reaches_the_minimum_of_rosenbrock_about_as_fast_as_scipy() -> None:
+    start = np.tile([-1.2, 1.0], 20)
+    peer = minimize(rosen, start, jac=rosen_der, method="L-BFGS-B", options={"gtol": 1e-8, "maxcor": 10})
+    theta, limited = start.copy(), Lbfgs(40, pairs=10)
+    descend(limited, theta, rosenbrock, 2 * peer.nit)
+    np.testing.assert_allclose(theta, 1.0, atol=1e-5)
+
+
+def test_limited_memory_goes_on_from_its_state() -> None:
+    theta, first, second = np.array([-1.2, 1.0, -0.5, 0.8]), Lbfgs(4, 3), Lbfgs(4, 3)
+    descend(first, theta, rosenbrock, 7)
+    for name, array in second.state().items():
+        array[:] = first.state()[name]
+    copy = theta.copy()
+    descend(first, theta, rosenbrock, 3)
+    descend(second, copy, rosenbrock, 3)
+    assert theta.tobytes() == copy.tobytes()

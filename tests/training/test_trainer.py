@@ -13,15 +13,18 @@ import torch
 from safetensors.numpy import load_file
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.console import LineDisplay
+from eigenode_cli.console import LineCounter, RunDisplay
 from eigenode_cli.engines.base import Advance, Evaluation, LossJacobian, single_step
 from eigenode_cli.engines.combine import SEQUENTIAL
 from eigenode_cli.engines.update import Update
 from eigenode_cli.runs.recorder import Recorder, load_last, metrics_header
 from eigenode_cli.solve.status import Status
-from eigenode_cli.training.optimizers import AdamBfgs, Optimizer, Sgd, build_optimizer
+from eigenode_cli.training.methods import AdamBfgs, Sgd
+from eigenode_cli.training.optimizers import Optimizer, build_optimizer
+from eigenode_cli.training.options import TrainerOptions
 from eigenode_cli.training.progress import Progress
-from eigenode_cli.training.trainer import Phase, Trainer, TrainerOptions, Unsolvable, summary
+from eigenode_cli.training.stages import Phase
+from eigenode_cli.training.trainer import Trainer, Unsolvable, summary
 
 TIMES = np.linspace(0.0, 1.0, 1000)
 SCALES = np.array([1.0, 2.0])
@@ -104,9 +107,10 @@ def make_trainer(
         optimizer=Optimizer(Sgd(lr=0.1), 1),
         combination=SEQUENTIAL,
         terms=("sol", "stb"),
+        weights=np.array([*SCALES, 0.0, 0.0, 0.0, 0.0])[[0, 2, 3, 1, 4, 5]],
         options=given,
         recorder=recorder,
-        display=LineDisplay("stub", 0, 10),
+        display=RunDisplay(10, LineCounter("stub  step", 10)),
         dense_times=TIMES,
         theta=np.array([start]),
         network=lambda theta: {"layers.0.weight": torch.from_numpy(theta.copy())},
@@ -362,9 +366,7 @@ def resumed(make: Make, folder: Path, prepare: Callable[[Trainer], Trainer]) -> 
     """Go on in a folder as a new process does, with whatever was saved there."""
     trainer, saved = prepare(make(folder, Bowl(), 1.0, opened=False)), load_last(folder)
     if saved is not None:
-        trainer.progress, trainer.theta, state = saved
-        for name, array in trainer.optimizer.state().items():
-            array[:] = state[name]
+        trainer.go_on(saved)
     trainer.recorder.open(None if saved is None else trainer.progress.step)
     trainer.run()
     trainer.recorder.close()

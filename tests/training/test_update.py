@@ -11,7 +11,8 @@ from eigenode_cli.config.setup import build
 from eigenode_cli.engines.combine import COMBINATIONS, SEQUENTIAL_REPEATING_LAST, combine
 from eigenode_cli.engines.update import learn
 from eigenode_cli.model import flat_parameters
-from eigenode_cli.training.optimizers import Adam, Optimizer, Sgd, build_optimizer, build_update
+from eigenode_cli.training.methods import Adam, Sgd
+from eigenode_cli.training.optimizers import Optimizer, build_optimizer, build_update
 
 CONFIG = Adam(lr=3e-3)
 

@@ -20,7 +20,7 @@ from eigenode_cli.engines.compiled.spectrum import Eigen
 from eigenode_cli.engines.problem import REACH, Problem
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.tableau import TABLEAUS, Tableau
-from eigenode_cli.solve.times import fixed_step_count
+from eigenode_cli.solve.times import fixed_steps
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.errors import MSE
 
@@ -92,7 +92,7 @@ def solver_method(owner: Owner, solver: Solver) -> tuple[Method, float]:
     Raises:
         ValueError: the settings do not fit the method, or it is unknown.
     """
-    tableau = TABLEAUS.get(solver.name)
+    tableau = TABLEAUS.get(solver.name) if solver.tableau is None else solver.tableau
     if tableau is None:
         raise ValueError(f"solver.name={solver.name}: the compiled engine knows {', '.join(TABLEAUS)}")
     if tableau.adaptive and isinstance(solver, AdaptiveSolver):
@@ -100,14 +100,6 @@ def solver_method(owner: Owner, solver: Solver) -> tuple[Method, float]:
     if not tableau.adaptive and isinstance(solver, FixedStepSolver):
         return build_method(owner, tableau, 0.0, 1.0, 0), float(solver.step)
     raise ValueError(f"solver.name={solver.name}: {type(solver).__name__} does not fit this method")
-
-
-def fixed_steps(step: float, start: float, end: float) -> Floats:
-    """Steps of one size from `start` to `end` in s, the last one shorter; no sliver where it divides the time."""
-    count = fixed_step_count(step, start, end)
-    steps = np.full(count, step)
-    steps[-1:] = (end - start) - (count - 1) * step
-    return steps
 
 
 def given_steps(step: float, times: Floats) -> Floats:

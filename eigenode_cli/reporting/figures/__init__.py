@@ -91,6 +91,16 @@ def svg_of(run: Run, name: str) -> bytes:
         return to_svg(_figure(run, name))
 
 
+def draw_figure(run: Run, name: str) -> "Figure":
+    """Draw one figure of a run, in the style that all have.
+
+    Raises:
+        RecordError: a file that it is drawn from is missing or damaged.
+    """
+    with house_style():
+        return _figure(run, name)
+
+
 def _figure(run: Run, name: str) -> "Figure":
     numbers_of, draw = FIGURES[name]
     return draw(numbers_of(run))

@@ -9,7 +9,8 @@ from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.engines.update import Update
 from eigenode_cli.solve.status import Status
-from eigenode_cli.training.optimizers import Adam, Optimizer, build_update
+from eigenode_cli.training.methods import Adam
+from eigenode_cli.training.optimizers import Optimizer, build_update
 from tests.engines.compiled import oracle
 
 RATES = np.linspace(1e-2, 1e-3, 12)

@@ -10,11 +10,12 @@ import pytest
 import torch
 from scipy.integrate import solve_ivp
 
-from eigenode_cli.engines.compiled.buffers import FIRST_CAPACITY, fixed_steps
+from eigenode_cli.engines.compiled.buffers import FIRST_CAPACITY
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import TSIT5
+from eigenode_cli.solve.times import fixed_steps
 from eigenode_cli.terms.array_term import ArrayTerm
 from tests.engines.compiled import oracle
 

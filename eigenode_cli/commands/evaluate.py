@@ -1,0 +1,45 @@
+"""`eigenode evaluate RUN [KEY=VALUE ...]`: a trained model from another initial state or over another horizon."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from eigenode_cli.console import number, show_table
+from eigenode_cli.errors import UserError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("run", metavar="RUN", help="folder of a run, or its name under outputs/")
+    parser.add_argument("words", metavar="KEY=VALUE", nargs="*", help="for example 'system.initial_state=[0.5,0]'")
+    parser.add_argument("--points", metavar="N", type=int, default=1001, help="equidistant times (1001)")
+    parser.add_argument("--output", metavar="FILE", help="write times, truth and model into a CSV file")
+
+
+def evaluate(args: argparse.Namespace) -> int:
+    """Print the errors of the model against the truth, state by state."""
+    from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415  # torch, once it is needed
+    from eigenode_cli.recorded import TIGHT, load_run  # noqa: PLC0415
+    from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
+
+    if args.points < 2:
+        raise UserError(f"--points {args.points}: must be at least 2")
+    run = load_run(args.run)
+    own = [f"system.{name}" for name in run.record["config"]["system"] if name not in ("name", "target")]
+    config = restore(with_changes(run.record["config"], args.words, own))
+    start = list(config.system.initial_state)
+    given = any(word.startswith("system.initial_state=") for word in args.words)
+    try:
+        found = replace(run, config=config).evaluate(start if given else None, points=args.points)
+    except ValueError as error:
+        raise UserError(str(error)) from error
+    rows = [
+        [str(state), *map(number, row)] for state, row in zip(found.errors.index, found.errors.to_numpy(), strict=True)
+    ]
+    header = ("state", *(f"{name} error" for name in found.errors.columns))
+    show_table(header, rows, f"{config.system.name} over {config.system.horizon:g} s from {start}", right=header[1:])
+    print(f"model solved by {TIGHT.name} at rtol={TIGHT.rtol:g}, the truth by DOP853 at 1e-10")
+    if args.output:
+        write_text(Path(args.output), found.table.to_csv(index=False))
+        print(args.output)
+    return 0
