@@ -139,7 +139,7 @@ def interrupt_all(folder: Path, cases: list[str], count: int, seed: int, shorter
 
 
 def words_of(case: str, shorter: int) -> list[str]:
-    """The settings of a case, with its numbers of steps divided."""
+    """Return the settings of a case, with its numbers of steps divided."""
     given, steps = CASES[case]
     words = [f"trainer.steps={steps // shorter}"]
     words += [COUNTED.sub(lambda found: str(max(1, int(found[0]) // shorter)), word) for word in given]
@@ -167,7 +167,7 @@ class Command:
             self.pid = self._fork.pid or 0
 
     def wait(self, seconds: float | None = None) -> int | None:
-        """The exit status, negative for a signal; None where it still runs after so many seconds."""
+        """Return the exit status, negative for a signal; None where it still runs after so many seconds."""
         if self._fresh:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 return self._new.wait(seconds)
@@ -177,7 +177,7 @@ class Command:
 
 
 def forked(folder: Path, words: list[str]) -> None:
-    """What a fork does."""
+    """Do what a fork does."""
     os.setsid()
     os.chdir(folder)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -199,7 +199,7 @@ def whole(folder: Path, words: list[str], fresh: bool) -> int:
 
 
 def name_of(case: str) -> str:
-    """The folder of a case left alone."""
+    """Return the folder of a case left alone."""
     return "whole-" + case.replace(",", "").replace(" ", "-")
 
 
@@ -258,20 +258,20 @@ def strike(
 
 
 def command(run: Path, words: list[str]) -> list[str]:
-    """What brings a run to its end: `resume`, or `train` where nothing was recorded."""
+    """Return what brings a run to its end: `resume`, or `train` where nothing was recorded."""
     if status(run) is None:
         return ["train", *words, f"hydra.run.dir={run.name}"]
     return ["resume", run.name]
 
 
 def status(run: Path) -> str | None:
-    """What run.json says."""
+    """Return what run.json says."""
     path = run / "run.json"
     return json.loads(path.read_text())["status"] if path.exists() else None
 
 
 def saved(run: Path) -> int | None:
-    """The training steps in the last checkpoint."""
+    """Return the training steps in the last checkpoint."""
     path = run / "checkpoints" / "last.json"
     return json.loads(path.read_text())["step"] if path.exists() else None
 
@@ -289,7 +289,7 @@ def outcome(run: Path) -> dict[str, Any]:
 
 
 def summary(results: list[Interruption]) -> dict[str, Any]:
-    """The counts, then every interruption."""
+    """Print the counts, then every interruption."""
     blows = [blow for result in results for blow in result.blows]
     return {
         "command": " ".join(["python", "benchmarks/interruptions.py", *sys.argv[1:]]),

@@ -127,7 +127,7 @@ def summary(runs: list[Outcome]) -> dict[str, float]:
 
 
 def line(found: dict) -> str:
-    """A summary in one line."""
+    """Return a summary in one line."""
     return (
         f"error {found['median_error']:.3g} % (largest {found['largest_error']:.3g} %), {found['below_1']} of"
         f" {found['seeds']} below 1 %, {found['below_2']} below 2 %, beyond {found['median_beyond']:.3g} %,"

@@ -67,7 +67,7 @@ def main() -> int:
 
 
 def train(checkout: Path, runs: Sequence[Sequence[str]], folder: Path) -> list[list[list[str]]]:
-    """The metrics of every run by the code of a checkout: header and rows, as text; empty where there are none."""
+    """Return the metrics of every run by the code of a checkout, header and rows as text; empty for none."""
     python = checkout.absolute() if checkout.is_file() else checkout.absolute() / ".venv/bin/python"
     folder.mkdir()
     commands = [[*run, "trainer.figures=false", f"hydra.run.dir={number}"] for number, run in enumerate(runs)]
@@ -86,7 +86,7 @@ def metrics(path: Path) -> list[list[str]]:
 
 
 def difference(before: list[list[str]], after: list[list[str]], shared: bool) -> str | None:
-    """The first difference of two tables in words, None if there is none."""
+    """Return the first difference of two tables in words, None if there is none."""
     if not before or not after:
         return "no metrics.csv " + " and ".join(
             name for name, table in (("before", before), ("after", after)) if not table
@@ -105,7 +105,7 @@ def difference(before: list[list[str]], after: list[list[str]], shared: bool) ->
 
 
 def columns(table: list[list[str]], names: Sequence[str]) -> list[list[str]]:
-    """The table with these columns only."""
+    """Return the table with these columns only."""
     index = [table[0].index(name) for name in names]
     return [[row[i] for i in index] for row in table]
 

@@ -67,7 +67,7 @@ def command(words: list[str], cores: int | None = None) -> tuple[float, str]:
 
 
 def seconds_of(text: str) -> float:
-    """The time that a dry run prints."""
+    """Return the time that a dry run prints."""
     found = re.search(r"^time  about (.+) on", text, re.MULTILINE)
     if found is None:
         raise ValueError(text)

@@ -48,7 +48,7 @@ OWN_CODE = "EIGENODE_PATH"
 
 
 def own_code() -> list[str]:
-    """The folders of the user's own code, those named first first."""
+    """Return the folders of the user's own code, those named first first."""
     return [folder for folder in os.environ.get(OWN_CODE, "").split(os.pathsep) if folder]
 
 

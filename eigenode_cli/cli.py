@@ -186,7 +186,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _answered(words: list[str]) -> int:
-    """The exit code of a command, whatever happens in it."""
+    """Return the exit code of a command, whatever happens in it."""
     try:
         with interruptible(), _rare_collections(), importable("."):
             return _dispatch(words)

@@ -30,7 +30,7 @@ class Display(Protocol):
     ) -> None: ...
 
     def record(self, step: int, losses: dict[str, float], rate: float | None) -> None:
-        """A record was written after `step`; `rate` is the time of one step in s, None before the first."""
+        """Show the record after `step`; `rate` is the time of one step in s, None before the first."""
         ...
 
     def say(self, message: str) -> None:
@@ -39,19 +39,19 @@ class Display(Protocol):
 
 
 def describe(losses: dict[str, float]) -> str:
-    """The losses in one short line, `sol 0.578  frq 0.0123`; a dash where one is not defined."""
+    """Return the losses in one short line, `sol 0.578  frq 0.0123`; a dash where one is not defined."""
     return "  ".join(f"{name} -" if math.isnan(value) else f"{name} {value:.3g}" for name, value in losses.items())
 
 
 def number(value: float | None) -> str:
-    """A number of text or a table: three significant digits, whole from a thousand on, a dash where there is none."""
+    """Return a number as text: three significant digits, whole from a thousand on, a dash where there is none."""
     if value is None or not math.isfinite(value):
         return NOTHING
     return f"{value:.0f}" if 1000.0 <= abs(value) < LONGEST_WHOLE else f"{value:.3g}"
 
 
 def spread(low: float, middle: float, high: float) -> str:
-    """A median with its quartiles, `0.5 [0.4, 0.7]`; the median alone where they are equal or there are none."""
+    """Return a median with its quartiles, `0.5 [0.4, 0.7]`; the median alone where they are equal or there are none."""
     if low == high or not math.isfinite(middle):
         return number(middle)
     return f"{number(middle)} [{number(low)}, {number(high)}]"
@@ -92,12 +92,12 @@ def counted(count: int, thing: str) -> str:
 
 
 def minus(text: str) -> str:
-    """The text of a page with true minus signs before numbers and in exponents, as its figures have them."""
+    """Return the text of a page with true minus signs before numbers and in exponents, as its figures have them."""
     return re.sub(r"(?<![\w.)\]-])-(?=\.?\d)|(?<=\de)-(?=\d)", "\N{MINUS SIGN}", text)
 
 
 def duration(seconds: float) -> str:
-    """A time span for people: 0.8 s, 42 s, 3 min 20 s, 1 h 5 min."""
+    """Return a time span for people: 0.8 s, 42 s, 3 min 20 s, 1 h 5 min."""
     if seconds < 10.0:
         return f"{seconds:.1f} s"
     whole = round(seconds)
@@ -186,7 +186,7 @@ class LineCounter:
 
 
 def counter(label: str, total: int, start: int = 0) -> Counter:
-    """The counter that fits standard output.
+    """Return the counter that fits standard output.
 
     Args:
         label: what is counted.
@@ -237,5 +237,5 @@ class QuietDisplay:
 
 
 def display(label: str, start: int, steps: int) -> Display:
-    """The display of a run that fits standard output."""
+    """Return the display of a run that fits standard output."""
     return RunDisplay(steps, counter(f"{label}  step", steps, start))

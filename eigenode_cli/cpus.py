@@ -4,7 +4,7 @@ import os
 
 
 def usable_cores() -> int:
-    """Number of cores that this process may use, at least 1.
+    """Return number of cores that this process may use, at least 1.
 
     Python 3.13 tells it on every system. Before, only Linux tells which cores a process is bound to; elsewhere all of
     the machine count.

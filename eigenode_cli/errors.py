@@ -18,7 +18,7 @@ class UserError(Exception):
 
 
 def nearest_first(name: str, options: Iterable[str]) -> list[str]:
-    """The options, those most like `name` first."""
+    """Return the options, those most like `name` first."""
 
     def unlikeness(option: str) -> float:
         return -difflib.SequenceMatcher(None, name.lower(), option.lower()).ratio()
@@ -27,7 +27,7 @@ def nearest_first(name: str, options: Iterable[str]) -> list[str]:
 
 
 def nearest(name: str, options: Iterable[str]) -> str | None:
-    """The option that `name` was probably meant to be, or None."""
+    """Return the option that `name` was probably meant to be, or None."""
     spelt = {option.lower(): option for option in options}
     close = difflib.get_close_matches(name.lower(), list(spelt), n=1, cutoff=LEAST)
     if close and close[0][:1] != name[:1].lower():

@@ -178,7 +178,7 @@ def _trajectories(data: Dataset | Series) -> tuple[Series, ...]:
 
 
 def _problem(series: Series, estimate: Estimate, target: Target, terms: Sequence[str], solver: Solver) -> Problem:
-    """The problem of a fit, whose terms are squares."""
+    """Return the problem of a fit, whose terms are squares."""
     if unknown := [term for term in terms if term not in NAMES]:
         raise ValueError(f"{', '.join(unknown)}: choose from {', '.join(NAMES)}")
     states = estimate.states if estimate.complete else None

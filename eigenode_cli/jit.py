@@ -25,7 +25,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def _key() -> str:
-    """What the machine code depends on, but for the processor."""
+    """Return what the machine code depends on, but for the processor."""
     versions = (numba.__version__, llvmlite.__version__, sys.implementation.cache_tag)
     digest = hashlib.sha256(repr(versions).encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
@@ -37,7 +37,7 @@ def _key() -> str:
 
 
 def _chosen_folder() -> Path:
-    """The user's cache; where that can't be written, a folder that is gone when the process ends."""
+    """Return the user's cache; where that can't be written, a folder that is gone when the process ends."""
     try:
         base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         folder = Path(base) / "eigenode" / _key()

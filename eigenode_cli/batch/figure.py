@@ -50,7 +50,7 @@ class SweepNumbers:
 
 
 def sweep_numbers(groups: Sequence[Group]) -> SweepNumbers:
-    """The numbers behind the figure."""
+    """Return the numbers behind the figure."""
     return SweepNumbers(
         labels=tuple(group.label for group in groups),
         failures=tuple((group.failures, group.ended) for group in groups),
@@ -105,6 +105,6 @@ def draw_summary(folder: Path, groups: Sequence[Group]) -> list[Path]:
 
 
 def svg_of_sweep(groups: Sequence[Group]) -> bytes:
-    """The figure as a self-contained SVG."""
+    """Return the figure as a self-contained SVG."""
     with house_style():
         return to_svg(draw_sweep(sweep_numbers(groups)))

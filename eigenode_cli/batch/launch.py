@@ -35,7 +35,7 @@ SHARES, MOST_TOGETHER = 20, 8
 
 
 def launcher_faults(words: Iterable[str]) -> list[str]:
-    """A fault with the line that installs it for a launcher that is not there."""
+    """Return a fault with the line that installs it for a launcher that is not there."""
     faults = []
     for word in words:
         name = word.lstrip("+").removeprefix("hydra/launcher=")
@@ -48,7 +48,7 @@ def launcher_faults(words: Iterable[str]) -> list[str]:
 
 
 def sweeper_faults(config: DictConfig) -> list[str]:
-    """A fault for a sweeper that chooses its runs while it sweeps: here all of them are checked before the first."""
+    """Return a fault for a sweeper that chooses its runs while it sweeps: here all are checked before the first."""
     if config.hydra.sweeper._target_ == BASIC_SWEEPER:
         return []
     name = config.hydra.runtime.choices["hydra/sweeper"]
@@ -72,7 +72,7 @@ def settings_faults(kinds: Sequence[Kind]) -> list[str]:
 
 
 def launch(sweep: Sweep, composer: Composer, checked: DictConfig, words: Sequence[str]) -> Start:
-    """What runs the pending jobs of a sweep and returns when all have ended; how, stands in their folders.
+    """Return what runs the pending jobs of a sweep and returns when all have ended; how, stands in their folders.
 
     Args:
         sweep: the checked sweep.
@@ -103,7 +103,7 @@ def launch(sweep: Sweep, composer: Composer, checked: DictConfig, words: Sequenc
 
 
 def launcher_of(composer: Composer, words: Sequence[str], task: TaskFunction) -> Launcher:
-    """The launcher of Hydra's that `words` name, which runs `task` for each job.
+    """Return the launcher of Hydra's that `words` name, which runs `task` for each job.
 
     Raises:
         UserError: it refuses its settings.
@@ -113,7 +113,7 @@ def launcher_of(composer: Composer, words: Sequence[str], task: TaskFunction) ->
 
 
 def _master(loader: SweepLoader, composer: Composer, words: Sequence[str]) -> DictConfig:
-    """The configuration that a launcher starts from."""
+    """Return the configuration that a launcher starts from."""
     try:
         return loader.load_configuration(composer.config_name, list(words), RunMode.MULTIRUN)
     except (HydraException, OmegaConfBaseException) as error:

@@ -20,7 +20,7 @@ class SweepLoader(Loader):
     """Hydra's loader, which launchers ask for the configuration of each run."""
 
     def load_sweep_config(self, master_config: DictConfig, sweep_overrides: list[str]) -> DictConfig:
-        """The configuration of one run; see Hydra's method of this name."""
+        """Return the configuration of one run; see Hydra's method of this name."""
         seeds = [match[1] for word in sweep_overrides if (match := _SEED.fullmatch(word))]
         shared = [word for word in sweep_overrides if not (_SEED.fullmatch(word) or word.startswith(_SUBDIR))]
         if not seeds:
@@ -33,7 +33,7 @@ class SweepLoader(Loader):
 
 
 def _with_seed(config: DictConfig, seed: int, words: list[str]) -> DictConfig:
-    """The same configuration with another seed, and with the words that make it."""
+    """Return the same configuration with another seed, and with the words that make it."""
     own = [word for word in words if not word.startswith(_SUBDIR)]
     with flag_override(config, ["struct", "readonly"], [False, False]):
         config.seed = seed

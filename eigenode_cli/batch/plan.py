@@ -40,16 +40,16 @@ class Sweep:
         return shlex.join(["eigenode", "train", *self.words])
 
     def place(self, job: Job) -> Path:
-        """The folder of one run."""
+        """Return the folder of one run."""
         return self.folder / job.name
 
     def repeat(self, job: Job) -> str:
-        """The command that repeats one run by itself."""
+        """Return the command that repeats one run by itself."""
         return shlex.join(["eigenode", "train", *self.flags, *job.overrides])
 
 
 def default_folder(words: Sequence[str], jobs: Sequence[Job]) -> Path:
-    """The folder under outputs/ of a sweep that names none.
+    """Return the folder under outputs/ of a sweep that names none.
 
     The same runs always get the same folder, so that the command repeated finds what is done; a config edited in
     between gives another one, so that nothing is mixed.
@@ -64,7 +64,7 @@ def default_folder(words: Sequence[str], jobs: Sequence[Job]) -> Path:
 
 
 def quoted(key: str, text: str) -> str:
-    """An override of `key` with any text as its value."""
+    """Return an override of `key` with any text as its value."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return f'{key}="{escaped}"'
 
@@ -80,7 +80,7 @@ def _plain(sweep: Sweep) -> dict[str, object]:
 
 
 def read_plan(folder: Path) -> Sweep:
-    """The sweep in `folder`.
+    """Return the sweep in `folder`.
 
     Raises:
         UserError: its `sweep.json` is missing or cannot be read.

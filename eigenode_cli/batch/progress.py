@@ -45,7 +45,7 @@ class Watcher:
         return sum(self.count[status] for status in ENDED)
 
     def describe(self) -> str:
-        """The counts and the time left in one line."""
+        """Return the counts and the time left in one line."""
         count = self.count
         failed = sum(count[status] for status in UNSUCCESSFUL)
         parts = [f"{count['finished']} finished", f"{failed} failed", f"{count['running']} running"]

@@ -47,7 +47,7 @@ def check_saved(config: TrainConfig, folder: Path) -> None:
 
 
 def _parameters(config: TrainConfig) -> int:
-    """Number of parameters P of the run."""
+    """Return number of parameters P of the run."""
     state = np.array([config.system.initial_state], dtype=np.float64)
     known = config.system.initial_known
     unknown = 0 if known is None else state.size - len(known)

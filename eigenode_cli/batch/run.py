@@ -199,7 +199,7 @@ def _sol_of_zero(problem: Problem) -> float:
 
 
 def _account(trainer: Trainer, setup: Setup) -> dict[str, Any]:
-    """What a training took so far."""
+    """Return what a training took so far."""
     progress = trainer.progress
     return {
         "steps": progress.step,
@@ -213,7 +213,7 @@ def _account(trainer: Trainer, setup: Setup) -> dict[str, Any]:
 
 
 def _identity(config: TrainConfig) -> dict[str, Any]:
-    """What is known of a run before anything is built."""
+    """Return what is known of a run before anything is built."""
     return {
         "version": VERSION,
         "status": "running",
@@ -234,7 +234,7 @@ def _identity(config: TrainConfig) -> dict[str, Any]:
 
 
 def _description(setup: Setup) -> dict[str, Any]:
-    """What is known of a run once its parts are built."""
+    """Return what is known of a run once its parts are built."""
     return {
         "engine": setup.engine.name,
         "parameters": setup.theta.size,

@@ -23,7 +23,7 @@ class State:
 
 
 def read_state(folder: Path) -> State:
-    """The state of the run in `folder`; one whose process was killed counts as interrupted."""
+    """Return the state of the run in `folder`; one whose process was killed counts as interrupted."""
     state = recorded(folder)
     if state.status == "running" and not held(folder):
         return State("interrupted", state.record, "the process was killed")
@@ -31,7 +31,7 @@ def read_state(folder: Path) -> State:
 
 
 def recorded(folder: Path) -> State:
-    """The state that the files in `folder` tell; of a killed process they tell that it is running."""
+    """Return the state that the files in `folder` tell; of a killed process they tell that it is running."""
     if not (folder / RUN).exists():
         return _without_record(folder)
     try:
@@ -45,7 +45,7 @@ def recorded(folder: Path) -> State:
 
 
 def _without_record(folder: Path) -> State:
-    """A run without run.json failed before it began, or waits."""
+    """Return a run without run.json failed before it began, or waits."""
     try:
         lines = (folder / ERROR).read_text().strip().splitlines()
     except FileNotFoundError:

@@ -40,7 +40,7 @@ class Row:
     repeat: str
 
     def result(self, name: str) -> float:
-        """A final number: a loss, `dense_error`, `max_real` or `train_seconds`; NaN where there is none."""
+        """Return a final number: a loss, `dense_error`, `max_real` or `train_seconds`; NaN where there is none."""
         value = self.state.record.get("train_seconds") if name == "train_seconds" else self._final.get(name)
         return math.nan if value is None else float(value)
 
@@ -78,7 +78,7 @@ class Group:
         return sum(row.failed for row in self.rows)
 
     def values(self, name: str) -> np.ndarray:
-        """A final number of every finished run that has it `(R,)`."""
+        """Return a final number of every finished run that has it `(R,)`."""
         finished = [row.result(name) for row in self.rows if row.state.status == FINISHED]
         return np.array([value for value in finished if math.isfinite(value)])
 
@@ -111,7 +111,7 @@ def _setting(word: str) -> tuple[str, str]:
 
 
 def group(rows: Sequence[Row]) -> list[Group]:
-    """The runs by everything but the seed, showing what differs between the groups."""
+    """Return the runs by everything but the seed, showing what differs between the groups."""
     keys = list(dict.fromkeys(key for row in rows for key in row.settings if key != "seed"))
     varying = [key for key in keys if len({row.settings.get(key) for row in rows}) > 1]
     groups: dict[tuple[str | None, ...], list[Row]] = {}

@@ -56,17 +56,17 @@ class Case:
         return self.problem.data.times
 
     def with_terms(self, terms: tuple[str, ...]) -> "Case":
-        """The same with other terms."""
+        """Return the same with other terms."""
         return replace(self, problem=replace(self.problem, terms=terms))
 
     def tight(self) -> "Case":
-        """The same at the tolerance at which contestants must agree, without a guard on the spectrum's condition."""
+        """Return the same at the tolerance at which contestants must agree, without a guard on the condition."""
         solver = replace(self.solver, rtol=TIGHT, atol=TIGHT, max_steps=100 * MAX_STEPS)
         return replace(self, problem=replace(self.problem, solver=solver, max_condition=UNGUARDED))
 
 
 def recipe_config(name: str) -> TrainConfig:
-    """The configuration whose training gives a case its weights: a system's, all else as shipped.
+    """Return the configuration whose training gives a case its weights: a system's, all else as shipped.
 
     Args:
         name: one of `RECIPES`.
@@ -76,7 +76,7 @@ def recipe_config(name: str) -> TrainConfig:
 
 
 def torch_field(case: Case) -> VectorField:
-    """The vector field of a case as a torch module, at its weights."""
+    """Return the vector field of a case as a torch module, at its weights."""
     sizes = case.shape.sizes
     network = Mlp(sizes[0], sizes[1:-1], sizes[-1], case.shape.activation)
     field = VectorField(network, case.shape.structure)
@@ -85,7 +85,7 @@ def torch_field(case: Case) -> VectorField:
 
 
 def oscillating(n: int, hidden: Sequence[int], horizon: float, points: int, terms: tuple[str, ...]) -> Case:
-    """A black-box network `n -> hidden -> n` (structure `full`) that oscillates with as many pairs as it can hold.
+    """Return a black-box network `n -> hidden -> n` (structure `full`) with as many pairs as it can hold.
 
     The weights are made, not trained, so that any size has a well-posed problem: near the origin A is a block diagonal
     of damped rotations between 0.15 and 0.6 Hz in a random orthogonal basis. A hidden layer of h neurons limits its
@@ -148,7 +148,7 @@ def _oscillating_weights(n: int, hidden: Sequence[int], pairs: int, generator: n
 
 
 def _with_own_targets(case: Case, pairs: int) -> Case:
-    """Data and targets from the network's own trajectory and spectra at tight tolerance, shifted."""
+    """Return data and targets from the network's own trajectory and spectra at tight tolerance, shifted."""
     own = CompiledEngine(case.shape, case.tight().problem).loss_jacobian(case.theta)
     shift = 0.05 * (1.0 + np.sin(np.arange(own.trajectory.size).reshape(own.trajectory.shape)))
     states = own.trajectory + shift

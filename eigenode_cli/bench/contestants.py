@@ -56,7 +56,7 @@ class Contestant:
     packages: tuple[str, ...] = ()
 
     def missing(self) -> list[str]:
-        """The packages that are not installed."""
+        """Return the packages that are not installed."""
         absent: list[str] = []
         for package in self.packages:
             try:

@@ -53,7 +53,7 @@ class PowerLaw:
 
 
 def fit_power(x: Floats, y: Floats) -> PowerLaw:
-    """The power law through points `x (K,)`, `y (K,)`, all above zero.
+    """Return the power law through points `x (K,)`, `y (K,)`, all above zero.
 
     Raises:
         ValueError: fewer than two different x.
@@ -93,7 +93,7 @@ def curves() -> Iterator[Curve]:
 
 
 def measure_curve(curve: Curve, peers: Sequence[Contestant], say: Say) -> dict[str, Any]:
-    """Times of all contestants along a curve, their exponents, and where a peer is faster."""
+    """Return times of all contestants along a curve, their exponents, and where a peer is faster."""
     seconds: dict[str, list[float]] = {OURS.name: [], **{peer.name: [] for peer in peers}}
     ratios: dict[str, list[dict[str, Any]]] = {peer.name: [] for peer in peers}
     disagree: dict[str, list[int]] = {}

@@ -49,7 +49,7 @@ class Ratio:
 
 
 def ratio_of(numerators: Floats, denominators: Floats, cores: tuple[float, float] = (1.0, 1.0)) -> Ratio:
-    """The ratio of paired times `(R,)` and `(R,)` in s."""
+    """Return the ratio of paired times `(R,)` and `(R,)` in s."""
     ratios = numerators / denominators
     low, median, high = np.percentile(ratios, [25.0, 50.0, 75.0])
     return Ratio(
@@ -104,7 +104,7 @@ def compare(numerator: Callable[[], Any], denominator: Callable[[], Any], patien
 
 
 def describe_machine(versions: dict[str, str]) -> dict[str, Any]:
-    """What a reader must know of the machine, nothing that identifies it."""
+    """Return what a reader must know of the machine, nothing that identifies it."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     return {
         "cores": usable_cores(),

@@ -63,14 +63,14 @@ def _pair_spectrum(a: Any) -> tuple[Any, Any]:
 
 
 def _spectrum(a: Any) -> tuple[Any, Any]:
-    """The same for `a (n, n)` by LAPACK, sorted by imaginary part, largest first."""
+    """Return the same for `a (n, n)` by LAPACK, sorted by imaginary part, largest first."""
     spectrum = jnp.linalg.eigvals(a)
     spectrum = spectrum[jnp.argsort(-spectrum.imag)]
     return spectrum.real, spectrum.imag
 
 
 def terms_function(case: Case) -> Callable[[Any, Any], Any]:
-    """`(theta, trajectory (N, n)) -> values (L,)`: the equations of the terms (Sec. 3.3 of the paper), with MAE."""
+    """`(theta, trajectory (N, n)) -> values (L,)`: the equations of the terms (Sec. 2.3 of the paper), with MAE."""
     problem, field = case.problem, field_function(case)
     data, mask, n = problem.data.values, problem.data.mask, case.shape.sizes[0]
     frequency, damping = problem.targets.frequency[:, ::-1], problem.targets.damping[:, ::-1]
@@ -149,7 +149,7 @@ def loss_jacobian(case: Case, choice: Choice, controller: str) -> Callable[[Any]
 
 
 def choices(case: Case, steps: int) -> list[Choice]:
-    """The adjoints that are worth a try for a case whose solve takes this number of attempted steps.
+    """Return the adjoints that are worth a try for a case whose solve takes this number of attempted steps.
 
     `BacksolveAdjoint` is not among them: its gradients are those of another problem, solved backwards.
     """
@@ -179,7 +179,7 @@ def _runner(case: Case, choice: Choice, controller: str) -> Runner:
 
 
 def _attempted(case: Case, controller: str) -> int:
-    """Steps of a solve, accepted or not."""
+    """Return steps of a solve, accepted or not."""
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field_function(case)),
         diffrax.Tsit5(),
@@ -195,7 +195,7 @@ def _attempted(case: Case, controller: str) -> int:
 
 
 def best_runner(case: Case) -> Runner:
-    """The fastest of all adjoints, after the step-size control that takes fewer steps."""
+    """Return the fastest of all adjoints, after the step-size control that takes fewer steps."""
     attempted = {name: _attempted(case, name) for name in CONTROLLERS}
     controller = min(attempted, key=lambda name: attempted[name])
     if case.solver.rtol < RTOL or case.solver.atol < ATOL:  # to be compared, not to be timed

@@ -1,6 +1,6 @@
 """The loss Jacobian as a user of torchdiffeq or torchode would write it: plain torch, nothing of this package.
 
-The terms are transcriptions of the equations (Sec. 3.3 of the paper), with MAE, on all spectra at once.
+The terms are transcriptions of the equations (Sec. 2.3 of the paper), with MAE, on all spectra at once.
 """
 
 from collections.abc import Callable
@@ -85,7 +85,7 @@ class PlainTerms:
 
 
 def plain_runner(case: Case, solver: Solver, detail: str) -> Runner:
-    """The loss Jacobian of a case: one solve, one backward pass a term."""
+    """Return the loss Jacobian of a case: one solve, one backward pass a term."""
     field, terms = PlainField(case), PlainTerms(case)
     parameters = tuple(field.parameters())
 

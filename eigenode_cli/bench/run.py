@@ -62,7 +62,7 @@ def run_bench(names: Sequence[str], say: Say) -> dict[str, Any]:
 
 
 def measure_trained(name: str, trained: Trained, peers: Sequence[Contestant], say: Say) -> dict[str, Any]:
-    """A case at trained weights: peers over ours, and our own training step over its floor."""
+    """Return a case at trained weights: peers over ours, and our own training step over its floor."""
     case = trained.case
     measured = measure_peers(name, case, peers, say)
     say(f"{name}: training steps")
@@ -111,7 +111,7 @@ def measure_peers(name: str, case: Case, peers: Sequence[Contestant], say: Say) 
 
 
 def _goal(what: str, value: float, must: float, aim: float) -> dict[str, Any]:
-    """A bound and an aim: at most if the aim is the smaller of the two, at least otherwise."""
+    """Return a bound and an aim: at most if the aim is the smaller of the two, at least otherwise."""
     less = aim < must
     return {
         "what": what,
@@ -125,7 +125,7 @@ def _goal(what: str, value: float, must: float, aim: float) -> dict[str, Any]:
 
 
 def goals(content: dict[str, Any]) -> list[dict[str, Any]]:
-    """What this engine promises, with the numbers found; only what was measured."""
+    """Return what this engine promises, with the numbers found; only what was measured."""
     found: list[dict[str, Any]] = []
     cases = content["cases"]
     for name, case in cases.items():

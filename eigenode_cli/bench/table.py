@@ -35,7 +35,7 @@ def growth_rows(content: dict[str, Any]) -> Rows:
 
 
 def goal_rows(content: dict[str, Any]) -> Rows:
-    """What was promised, what was found."""
+    """Return what was promised, what was found."""
     return [
         [
             goal["what"],

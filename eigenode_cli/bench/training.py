@@ -79,7 +79,7 @@ def run_steps(config: TrainConfig, case: Case, theta: Floats, progress: Progress
 def trainer_for(
     config: TrainConfig, case: Case, theta: Floats, progress: Progress, folder: Path, engine: CompiledEngine
 ) -> Callable[[], None]:
-    """The training of `theta (P,)` as a call that starts where `progress` stands."""
+    """Return the training of `theta (P,)` as a call that starts where `progress` stands."""
     recorder, field = Recorder(folder, NAMES, np.zeros(DENSE)), torch_field(case)
     scales = gradient_scales(config)
 
@@ -140,7 +140,7 @@ class _Standing:
 
 
 def gradient_over_step(trained: Trained, gradient: Callable[[], Any]) -> Ratio:
-    """A peer's loss Jacobian over one of our training steps as `train_seconds` counts it, at the same weights."""
+    """Return a peer's loss Jacobian over one training step of ours as `train_seconds` counts it, at equal weights."""
     spans: list[tuple[float, float]] = []
     with TemporaryDirectory() as folder:
         standing = _Standing(trained, BLOCK, Path(folder))
@@ -157,7 +157,7 @@ def gradient_over_step(trained: Trained, gradient: Callable[[], Any]) -> Ratio:
 
 
 def step_over_floor(trained: Trained) -> Ratio:
-    """A whole training step, with optimizer and its share of records and checkpoints, over a bare solve."""
+    """Return a whole training step, with optimizer and its share of records and checkpoints, over a bare solve."""
     bare = BareSolve(trained.case)
 
     def solves() -> None:
@@ -169,7 +169,7 @@ def step_over_floor(trained: Trained) -> Ratio:
 
 
 def six_over_one(case: Case, term: str, sensitivity: str) -> Ratio:
-    """The loss Jacobian of all six terms over that of one, at the same weights and by the same way."""
+    """Return the loss Jacobian of all six terms over that of one, at the same weights and by the same way."""
     problems = [case.with_terms(terms).problem for terms in (NAMES, (term,))]
     six, one = (CompiledEngine(case.shape, problem, sensitivity=sensitivity) for problem in problems)
     return compare(partial(six.loss_jacobian, case.theta), partial(one.loss_jacobian, case.theta))

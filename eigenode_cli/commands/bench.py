@@ -45,7 +45,7 @@ def bench(args: argparse.Namespace) -> int:
 
 
 def _claimed(folder: Path) -> Path:
-    """The folder for the results, there from now on: hours of measurements are not lost to a wrong name."""
+    """Return the folder for the results, there from now on: hours of measurements are not lost to a wrong name."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

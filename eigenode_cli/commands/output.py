@@ -79,7 +79,7 @@ def lasting_output() -> Iterator[Callable[[], bool]]:
 
 
 def _reopened(number: int) -> TextIO:
-    """A stream to nowhere with the number of one that was closed: no file of a run may get it."""
+    """Return a stream to nowhere with the number of one that was closed: no file of a run may get it."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     if nowhere != number:
         os.dup2(nowhere, number)

@@ -12,7 +12,7 @@ from eigenode_cli.errors import UserError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the command."""
+    """Add the arguments of the command."""
     parser.add_argument("names", metavar="NAME", nargs="*", help="experiments; all of the protocol where none is named")
     parser.add_argument("--list", action="store_true", help="list all experiments and start nothing")
     parser.add_argument("--protocol", metavar="P", help="training choices of all runs (paper where no name is given)")
@@ -91,13 +91,13 @@ def _draw(study: Any, verdicts: Any, summary: Any, folder: Path) -> None:
 
 
 def _command(args: argparse.Namespace, protocol: str) -> str:
-    """The command that makes the same table, wherever it is written."""
+    """Return the command that makes the same table, wherever it is written."""
     words = ["eigenode", "reproduce", *args.names, "--protocol", protocol, "--repetitions", str(args.repetitions)]
     return shlex.join(words)
 
 
 def _committed(path: Path | None) -> list[dict[str, Any]] | None:
-    """The claims of a committed verdicts.json."""
+    """Return the claims of a committed verdicts.json."""
     if path is None:
         return None
     try:

@@ -97,7 +97,7 @@ def _tell(paths: list[Path], faults: list[str]) -> int:
 
 
 def _sweep_folder(text: str) -> Path | None:
-    """The folder of a sweep, given as a path or as a name under outputs/; None where it is none."""
+    """Return the folder of a sweep, given as a path or as a name under outputs/; None where it is none."""
     return next(
         (folder for folder in (Path(text), OUTPUTS / text) if is_folder(folder) and (folder / PLAN).is_file()), None
     )

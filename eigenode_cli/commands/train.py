@@ -40,7 +40,7 @@ DRY_RUN = "--dry-run"
 
 
 def _job(config: DictConfig) -> int | UserError | WriteError:
-    """The training that a job of Hydra's is; returns its exit status, or why it never began.
+    """Return the training that a job of Hydra's is; returns its exit status, or why it never began.
 
     An exception would be announced by Hydra, too.
     """
@@ -162,7 +162,7 @@ def _single(words: Sequence[str], composer: Composer, config: DictConfig) -> int
 
 
 def _own_folder(chosen: str) -> Path:
-    """The folder that the user names, made where there is none."""
+    """Return the folder that the user names, made where there is none."""
     said, folder = f"hydra.run.dir={chosen}", Path(chosen)
     new_folder(folder, said)
     return folder

@@ -31,6 +31,7 @@ from eigenode_cli.config.schema import (
 )
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.systems import System
+from eigenode_cli.terms import TERMS
 
 if TYPE_CHECKING:
     from eigenode_cli.data.dataset import Dataset
@@ -183,7 +184,7 @@ def gradient_scales(config: TrainConfig) -> dict[str, float]:
         name: float(config.scale.get(name, 1.0)) for name in config.terms
     }
     if config.eigen.eigenvalue_count == "times":
-        for name in ("frq", "dmp", "stb", "osc"):
+        for name in (name for name, term in TERMS.items() if term.per_eigenvalue):
             scales[name] *= len(config.system.initial_state) / (config.system.points / 2.0)
     return scales
 

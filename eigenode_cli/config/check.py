@@ -52,7 +52,7 @@ class Examined:
     useless: dict[str, str] = field(default_factory=dict)
 
     def checked(self) -> DictConfig:
-        """The configuration, if nothing is wrong with it.
+        """Return the configuration, if nothing is wrong with it.
 
         Raises:
             UserError: with all faults.
@@ -64,7 +64,7 @@ class Examined:
 
 
 def normalise(words: Sequence[str]) -> list[str]:
-    """The words as Hydra is to get them.
+    """Return the words as Hydra is to get them.
 
     Known terms in `grads` stand in canonical order, so that folders of a sweep are named by it. What adds the user's
     own terms or their scales has the form that Hydra accepts for new keys. A class that is named in place of a choice
@@ -84,7 +84,7 @@ def _normal(word: str) -> str:
 
 
 def parse(composer: Composer, words: Sequence[str]) -> tuple[list[Override], list[str]]:
-    """The words as overrides, and a fault for each that is none."""
+    """Return the words as overrides, and a fault for each that is none."""
     overrides, faults = [], []
     for word in words:
         try:
@@ -160,7 +160,7 @@ def _examine_config(config: DictConfig, values: Sequence[Override], faults: list
 
 
 def _resolved(config: DictConfig) -> DictConfig:
-    """A copy with every interpolation resolved, without the `hydra` node."""
+    """Return a copy with every interpolation resolved, without the `hydra` node."""
     resolved = copy.deepcopy(config)
     with hydra_values(config), open_dict(resolved):
         del resolved["hydra"]
@@ -190,7 +190,7 @@ def _choice_fault(composer: Composer, override: Override, paths: list[str]) -> s
 
 
 def _absent_groups(composer: Composer, overrides: Sequence[Override], paths: list[str]) -> list[str]:
-    """A fault for each group of the user's own that no default chooses from, and that is chosen without a plus."""
+    """Return a fault for each group of the user's own that no default chooses from and that has no plus."""
     try:
         absent = [
             override
@@ -315,7 +315,7 @@ def _grammar_fault(word: str, error: HydraException) -> str:
 
 
 def _typed_keys(overrides: Sequence[Override]) -> Iterator[str]:
-    """The dotted keys that the overrides set; a dictionary sets each of its own."""
+    """Yield the dotted keys that the overrides set; a dictionary sets each of its own."""
 
     def leaves(key: str, value: Any) -> Iterator[str]:
         if isinstance(value, dict):

@@ -19,7 +19,7 @@ from eigenode_cli.terms import canonical, split_grads
 
 
 def finalise(config: DictConfig) -> DictConfig:
-    """A checked configuration as a run reads it, in place: resolved, `grads` canonical, a scale for every term."""
+    """Make a checked configuration what a run reads, in place: resolved, `grads` canonical, a scale for every term."""
     OmegaConf.resolve(config)
     config.grads = "+".join(canonical(split_grads(config.grads)))
     for stage in config.stages:
@@ -32,7 +32,7 @@ def finalise(config: DictConfig) -> DictConfig:
 
 
 def typed(config: DictConfig) -> TrainConfig:
-    """The configuration as plain typed objects, the class of each group's node by what was chosen."""
+    """Return the configuration as plain typed objects, the class of each group's node by what was chosen."""
     settings = structured(config)
     if faults := typify(settings):
         raise UserError(faults)
@@ -40,7 +40,7 @@ def typed(config: DictConfig) -> TrainConfig:
 
 
 def with_changes(record: dict[str, Any], words: Sequence[str], allowed: Sequence[str]) -> dict[str, Any]:
-    """The settings that a run's `run.json` holds with a few of them changed.
+    """Return the settings that a run's `run.json` holds with a few of them changed.
 
     Args:
         record: the settings.
@@ -69,7 +69,7 @@ def with_changes(record: dict[str, Any], words: Sequence[str], allowed: Sequence
 
 
 def restore(record: dict[str, Any]) -> TrainConfig:
-    """The configuration that a run's `run.json` holds, checked as that of a command is.
+    """Return the configuration that a run's `run.json` holds, checked as that of a command is.
 
     Raises:
         RecordError: with all faults; or it was written by another version of the schema.
@@ -88,7 +88,7 @@ def restore(record: dict[str, Any]) -> TrainConfig:
 
 
 def compose(overrides: Sequence[str], config_dir: str | None = None) -> DictConfig:
-    """The checked and finalised configuration of `eigenode train <overrides>`.
+    """Return the checked and finalised configuration of `eigenode train <overrides>`.
 
     Raises:
         UserError: with all faults at once.
@@ -97,12 +97,12 @@ def compose(overrides: Sequence[str], config_dir: str | None = None) -> DictConf
 
 
 def compose_with(composer: Composer, overrides: Sequence[str]) -> DictConfig:
-    """The same with a composer at hand, which reads every file once however many configurations it makes."""
+    """Return the same with a composer at hand, which reads every file once however many configurations it makes."""
     return run_config(examine(composer, normalise(overrides)))
 
 
 def run_config(found: Examined) -> DictConfig:
-    """What was examined, as a run reads it.
+    """Return what was examined, as a run reads it.
 
     Raises:
         UserError: with all faults at once.

@@ -74,7 +74,7 @@ class Loader(ConfigLoaderImpl):
         from_shell: bool = True,
         validate_sweep_overrides: bool = True,
     ) -> DictConfig:
-        """The configuration with its `hydra` node; see Hydra's method of this name."""
+        """Return the configuration with its `hydra` node; see Hydra's method of this name."""
         load = partial(
             super().load_configuration,
             config_name,
@@ -141,7 +141,7 @@ class Composer:
         return [group for group in self.defaults if "/" not in group and group not in DIFFERENCES]
 
     def composed(self, words: tuple[str, ...]) -> DictConfig:
-        """A fresh copy of the configuration with its `hydra` node, the words applied by Hydra.
+        """Return a fresh copy of the configuration with its `hydra` node, the words applied by Hydra.
 
         Raises:
             UserError: Hydra cannot compose it.
@@ -152,7 +152,7 @@ class Composer:
         return copy.deepcopy(self._composed[words])
 
     def run(self, task: TaskFunction, words: Sequence[str]) -> Any:
-        """What `task` returns as one job of Hydra's, in the folder and with the configuration that the words give.
+        """Run `task` as one job of Hydra's, in the folder and with the configuration that the words give.
 
         `hydra.main` does the same, but composes twice more, first to find out that this is no sweep.
         """
@@ -195,7 +195,7 @@ def _explained() -> Iterator[None]:
 
 
 def own_flags() -> list[str]:
-    """The flags of the command line that gave the present job its configs: `--config-dir=...`, `--config-name=...`."""
+    """Return the flags that gave the present job its configs: `--config-dir=...`, `--config-name=...`."""
     hydra = HydraConfig.get()
     folders = [source.path for source in hydra.runtime.config_sources if source.provider == COMMAND_LINE]
     name = hydra.job.config_name
@@ -212,7 +212,7 @@ def explain(error: BaseException) -> str:
 
 
 def _one_line(text: str) -> str:
-    """The message without the search path, without OmegaConf's appendix, and without line breaks."""
+    """Return the message without the search path, without OmegaConf's appendix, and without line breaks."""
     text = text.partition("Config search path:")[0]
     lines = (line.strip() for line in text.splitlines())
     return " ".join(line for line in lines if line and not line.startswith(("full_key:", "object_type=")))

@@ -12,18 +12,18 @@ from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.config.names import named_terms
 from eigenode_cli.config.schema import SystemConfig
-from eigenode_cli.terms import split_grads
+from eigenode_cli.terms import of_target, split_grads
 
-OF_PAIRS = ("frq", "dmp", "osc")
-"""Terms that only act where a target has a pair."""
+OF_PAIRS, OF_RATIO = of_target("pairs"), of_target("ratio")
+"""Terms that only act where a target has a pair, or a finite stiffness ratio."""
 
 
 def target_faults(config: DictConfig) -> list[str]:
-    """A fault for every setting that names terms without effect, of a resolved configuration without other faults."""
+    """Return a fault for every setting that names terms without effect, of a configuration without other faults."""
     if config.target.name == "stated":
         return list(_lost_pairs(config))
     named = {f"{key}={text}": split_grads(text) for key, text in named_terms(config)}
-    if not any({*OF_PAIRS, "stf"}.intersection(words) for words in named.values()):
+    if not any({*OF_PAIRS, *OF_RATIO}.intersection(words) for words in named.values()):
         return []
     pairs, ratios = _truth(config)
     faults = []
@@ -34,9 +34,10 @@ def target_faults(config: DictConfig) -> list[str]:
                 f"{setting}: no target has a pair: {_no_effect(idle)}; the truth's eigenvalues are real at all data"
                 " times, so leave out what has no effect, or state pairs with target=stated"
             )
-        if "stf" in words and not ratios and config.target.stiffness is None:
+        idle = [word for word in OF_RATIO if word in words]
+        if idle and not ratios and config.target.stiffness is None:
             faults.append(
-                f"{setting}: no target has a finite stiffness ratio: {_no_effect(['stf'])}; state"
+                f"{setting}: no target has a finite stiffness ratio: {_no_effect(idle)}; state"
                 " target.stiffness=[low,high]"
             )
     return faults
@@ -47,7 +48,7 @@ def _no_effect(words: list[str]) -> str:
 
 
 def _lost_pairs(config: DictConfig) -> Iterator[str]:
-    """A fault for each stated pair that by the rule for all spectra is none."""
+    """Yield a fault for each stated pair that by the rule for all spectra is none."""
     from eigenode_cli.data.targets import StatedTarget  # noqa: PLC0415  # Numba, only once all else is right
 
     frequency, damping = list(config.target.frequency), list(config.target.damping)

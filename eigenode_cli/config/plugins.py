@@ -119,7 +119,7 @@ def expanded(words: Iterable[str]) -> list[str]:
 
 
 def forced(words: Iterable[str]) -> list[str]:
-    """Checked override words as Hydra accepts them for the options of a user's class, which it does not know."""
+    """Return checked words as Hydra accepts them for the options of a user's class, which it does not know."""
     return [f"++{word}" if word.partition(".")[0] in GROUPS else word for word in words]
 
 
@@ -151,7 +151,7 @@ def load_class(target: str) -> type[Any]:
 
 @cache
 def schema_of(group: str, target: str) -> type:
-    """Schema of the choice of a group that names the class `target`.
+    """Return the schema of the choice of a group that names the class `target`.
 
     Raises:
         PluginError: the class cannot be imported or used.
@@ -177,7 +177,7 @@ def schema_of(group: str, target: str) -> type:
 
 
 def _option(plugin: type, name: str, hint: Any, default: Any) -> tuple[str, Any, "Field[Any]"]:
-    """A field of a schema for one argument of a constructor."""
+    """Return a field of a schema for one argument of a constructor."""
     constraint: dict[str, Any] = {}
     if get_origin(hint) is Annotated:
         hint, *notes = get_args(hint)
@@ -203,7 +203,7 @@ def _option(plugin: type, name: str, hint: Any, default: Any) -> tuple[str, Any,
 
 
 def _plain_type(hint: Any) -> Any:
-    """The type that OmegaConf checks for an annotation, None for one that no configuration can hold."""
+    """Return the type that OmegaConf checks for an annotation, None for one that no configuration can hold."""
     if hint in (float, int, str, bool):
         return hint
     if get_origin(hint) in (Union, UnionType):
@@ -247,13 +247,13 @@ def _typify(config: DictConfig, group: str) -> list[str]:
 
 
 def unresolved(config: DictConfig) -> list[str]:
-    """Groups whose class could not be found out, so that nothing can be said of their options."""
+    """Return the groups whose class could not be found out, so that nothing can be said of their options."""
     nodes = {group: config[group] for group in _present(config)}
     return [group for group, node in nodes.items() if not OmegaConf.is_dict(node) or OmegaConf.get_type(node) is dict]
 
 
 def _present(config: DictConfig) -> list[str]:
-    """The groups that a configuration holds."""
+    """Return the groups that a configuration holds."""
     return [group for group in GROUPS if group in config and not OmegaConf.is_missing(config, group)]
 
 
@@ -263,7 +263,7 @@ def config_choice(config: DictConfig, group: str) -> str | None:
 
 
 def no_option(config: DictConfig, group: str, name: str, options: Iterable[str]) -> str:
-    """What to say of an option that the choice of a group does not have."""
+    """Return what to say of an option that the choice of a group does not have."""
     options = [option for option in options if option not in ("name", "target")]
     alias = ALIASES.get(name.lower())
     guess = alias if alias in options else nearest(name, options)
@@ -273,6 +273,6 @@ def no_option(config: DictConfig, group: str, name: str, options: Iterable[str])
 
 
 def own_options(config: Any, base: type) -> dict[str, Any]:
-    """The options of a typed node that its class adds to those of `base`: arguments of its constructor."""
+    """Return the options of a typed node that its class adds to those of `base`: arguments of its constructor."""
     shared = {entry.name for entry in fields(base)}
     return {entry.name: getattr(config, entry.name) for entry in fields(config) if entry.name not in shared}

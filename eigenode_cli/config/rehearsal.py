@@ -12,7 +12,7 @@ from eigenode_cli.terms.user import load_user_terms, value_fault
 
 
 def rehearse(config: DictConfig) -> Iterator[str]:
-    """A fault for each own term of a configuration, valid otherwise, whose value is none.
+    """Yield a fault for each own term of a configuration, valid otherwise, whose value is none.
 
     A term that raises is left to the run, which keeps its traceback: it may need what only a training gives it.
     """

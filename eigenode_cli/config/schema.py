@@ -50,7 +50,7 @@ class SystemConfig:
 
 @dataclass
 class OscillatorConfig(SystemConfig):
-    """Translational spring-damper oscillator (Equ. linsys)."""
+    """Translational spring-damper oscillator (Equ. 16)."""
 
     c: float = MISSING
     """Spring constant in N/m."""
@@ -62,7 +62,7 @@ class OscillatorConfig(SystemConfig):
 
 @dataclass
 class VanDerPolConfig(SystemConfig):
-    """Van der Pol oscillator (Equ. nonlinsys)."""
+    """Van der Pol oscillator (Equ. 18)."""
 
     mu: float = MISSING
     """Strength of the nonlinear damping, without unit."""

@@ -16,7 +16,7 @@ Composed = make_dataclass(
 
 
 def structured(config: DictConfig) -> DictConfig:
-    """The same settings with the types and checks of the schema; `hydra` stays as it is.
+    """Return the same settings with the types and checks of the schema; `hydra` stays as it is.
 
     The class of a group's node follows from its name; of a choice that is not shipped it is the one whose options are
     most like those that are there. Nodes that name their class are left to `plugins.typify`.
@@ -42,5 +42,5 @@ def structured(config: DictConfig) -> DictConfig:
 
 
 def _nearest(values: Mapping[Any, Any], schemas: list[type[Any]]) -> type[Any]:
-    """The class with the fewest options that are missing in `values` or not known to it."""
+    """Return the class with the fewest options that are missing in `values` or not known to it."""
     return min(schemas, key=lambda schema: len(set(schema.__dataclass_fields__) ^ set(values)))

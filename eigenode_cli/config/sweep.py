@@ -91,7 +91,7 @@ def examine_sweep(composer: Composer, ground: DictConfig, words: Sequence[str]) 
 
 
 def repeated(composer: Composer, config: DictConfig, words: Sequence[str]) -> list[Job]:
-    """The runs that `repetitions=N` asks for: N seeds from `seed` on.
+    """Return the runs that `repetitions=N` asks for: N seeds from `seed` on.
 
     Args:
         composer: reads the words.
@@ -104,7 +104,7 @@ def repeated(composer: Composer, config: DictConfig, words: Sequence[str]) -> li
 
 
 def settings_of(config: DictConfig, seed: int) -> DictConfig:
-    """What a single run with this seed reads; `config` is checked and has its `hydra` node."""
+    """Return what a single run with this seed reads; `config` is checked and has its `hydra` node."""
     settings = of_seed(config, seed)
     with hydra_values(config), open_dict(settings):
         del settings["hydra"]
@@ -112,7 +112,7 @@ def settings_of(config: DictConfig, seed: int) -> DictConfig:
 
 
 def of_seed(config: DictConfig, seed: int) -> DictConfig:
-    """The configuration of a single run with this seed."""
+    """Return the configuration of a single run with this seed."""
     single = config.copy()
     single.seed, single.repetitions = seed, 1
     return single
@@ -158,7 +158,7 @@ def _without_repetitions(examined: Examined) -> Examined:
 
 
 def _twice(jobs: Sequence[Words]) -> list[str]:
-    """A fault for the first run that is in the sweep twice: the second would write over the first."""
+    """Return a fault for the first run that is in the sweep twice: the second would write over the first."""
     seen: set[Words] = set()
     for job in jobs:
         if job in seen:
@@ -168,5 +168,5 @@ def _twice(jobs: Sequence[Words]) -> list[str]:
 
 
 def _but_seed(job: Words) -> Words:
-    """What decides whether a job has to be checked by itself: everything but a plain seed."""
+    """Return what decides whether a job has to be checked by itself: everything but a plain seed."""
     return tuple(word for word in job if not re.fullmatch(r"seed=\d{1,18}", word))

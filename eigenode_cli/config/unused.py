@@ -9,13 +9,14 @@ from collections.abc import Sequence
 from omegaconf import DictConfig
 
 from eigenode_cli.config.names import training_terms
+from eigenode_cli.terms import SPECTRAL, TERMS
 
 SPECTRAL_ONLY = ("eigen.max_condition",)
 """Keys that only the gradients of spectral terms depend on."""
 
 
 def useless_options(config: DictConfig, typed: Sequence[str]) -> dict[str, str]:
-    """A fault for each of the typed keys that nothing reads in this (valid) configuration."""
+    """Return a fault for each of the typed keys that nothing reads in this (valid) configuration."""
     found = {}
     for key in typed:
         reason = _reason(config, key)
@@ -47,9 +48,12 @@ def _reason(config: DictConfig, key: str) -> str | None:
             "nothing is scaled; choose network.input_scaling=max_abs or network.output_scaling=max_abs",
         ),
         (
-            key == "eigen.eigenvalue_count" and words in (["sol"], ["stf"], ["sol", "stf"]),
+            key == "eigen.eigenvalue_count" and not any(word in TERMS and TERMS[word].per_eigenvalue for word in words),
             f"grads={config.grads} has no term that averages over eigenvalues",
         ),
-        (key in SPECTRAL_ONLY and words == ["sol"], "grads=sol has no term of the spectrum"),
+        (
+            key in SPECTRAL_ONLY and not set(words).intersection({*SPECTRAL, *config.terms}),
+            "grads=sol has no term of the spectrum",
+        ),
     )
     return next((reason for applies, reason in reasons if applies), None)

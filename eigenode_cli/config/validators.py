@@ -21,7 +21,7 @@ class Constraint:
     choices: tuple[str, ...] = ()
 
     def fault(self, value: Any) -> str | None:
-        """What is wrong with a value of the right type, or None; numbers must be finite in any case."""
+        """Return what is wrong with a value of the right type, or None; numbers must be finite in any case."""
         if isinstance(value, Iterable) and not isinstance(value, str):
             return next((fault for fault in map(self.fault, value) if fault), None)
         if isinstance(value, str):
@@ -65,5 +65,5 @@ def option(
 
 
 def constraint_of(entry: "Field[Any]") -> Constraint:
-    """The constraint of a field; one without still asks for finite numbers."""
+    """Return the constraint of a field; one without still asks for finite numbers."""
     return entry.metadata.get("constraint", Constraint())

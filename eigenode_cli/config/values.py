@@ -15,7 +15,7 @@ from eigenode_cli.config.validators import constraint_of
 from eigenode_cli.engines.support import obstacle
 from eigenode_cli.errors import UserError, nearest, unknown
 from eigenode_cli.runs.paths import hidden
-from eigenode_cli.terms import NAMES, split_grads
+from eigenode_cli.terms import NAMES, SPECTRAL, TERMS, split_grads
 from eigenode_cli.terms.arguments import arguments_of
 
 MLP = "eigenode_cli.model:Mlp"
@@ -38,7 +38,7 @@ def value_faults(config: DictConfig) -> list[str]:
 
 
 def show(value: Any) -> str:
-    """A value as the user would type it."""
+    """Return a value as the user would type it."""
     if OmegaConf.is_list(value):
         return f"[{','.join(show(element) for element in value)}]"
     if isinstance(value, float):
@@ -102,7 +102,7 @@ def _terms(config: DictConfig) -> Iterator[str]:
 
 
 def _own_terms(config: DictConfig) -> Iterator[str]:
-    """An own term has a name of its own and leads to a function; the user's module is imported here."""
+    """Yield an own term has a name of its own and leads to a function; the user's module is imported here."""
     for name, path in config.terms.items():
         line = f"terms.{name}={path}"
         if name in NAMES:
@@ -137,7 +137,7 @@ def _import_fault(module: str, function: str) -> str | None:
 
 
 def _system(config: DictConfig) -> Iterator[str]:
-    """The dynamics exist, and states are named and counted right."""
+    """Yield the dynamics exist, and states are named and counted right."""
     from eigenode_cli.config.build import build_system  # noqa: PLC0415  # NumPy, only for a line that is otherwise right
 
     system = config.system
@@ -160,7 +160,7 @@ def _system(config: DictConfig) -> Iterator[str]:
 
 
 def _state_names(key: str, names: Iterable[str], states: list[str]) -> Iterator[str]:
-    """A list of states names some that there are, each once."""
+    """Yield a list of states names some that there are, each once."""
     given = list(names)
     for name in dict.fromkeys(given):
         if name not in states:
@@ -170,7 +170,7 @@ def _state_names(key: str, names: Iterable[str], states: list[str]) -> Iterator[
 
 
 def _own_classes(config: DictConfig) -> Iterator[str]:
-    """A solver or an optimizer of the user's own can be built, and a solver has a tableau."""
+    """Yield a solver or an optimizer of the user's own can be built, and a solver has a tableau."""
     from eigenode_cli.config.build import build_own_method, build_solver  # noqa: PLC0415  # as above
 
     if "target" in config.solver:
@@ -189,7 +189,7 @@ def _own_classes(config: DictConfig) -> Iterator[str]:
 
 
 def _hidden_states(config: DictConfig) -> Iterator[str]:
-    """What needs all states at the data times finds them measured, or they can be reconstructed."""
+    """Yield what needs all states at the data times finds them measured, or they can be reconstructed."""
     from eigenode_cli.config.build import build_system  # noqa: PLC0415  # as above
 
     system = config.system
@@ -261,7 +261,7 @@ def _stages(config: DictConfig) -> Iterator[str]:
         elif number == len(stages) - 1 and horizons[-1] != 1.0:
             yield f"{key}.horizons={show(stage.horizons)}: the last one must be 1, the whole horizon"
         terms = split_grads(config.grads if stage.terms is None else stage.terms)
-        if not (stage.solve or set(terms) & set(NAMES[1:])):
+        if not (stage.solve or set(terms) & set(SPECTRAL)):
             yield f"{key}.solve=false: {'+'.join(terms)} has no term of the spectrum, so that nothing trains"
         blocks = _blocks(config)
         if stage.trained is not None and not set(stage.trained) <= set(blocks):
@@ -304,7 +304,7 @@ def _blocks(config: DictConfig) -> list[str]:
 
 
 def _start(config: DictConfig) -> Iterator[str]:
-    """A warm start leads to weights that fit."""
+    """Yield a warm start leads to weights that fit."""
     text = config.trainer.start
     if text is None:
         return
@@ -317,7 +317,7 @@ def _start(config: DictConfig) -> Iterator[str]:
 
 
 def _engine(config: DictConfig) -> Iterator[str]:
-    """The compiled engine can do what is asked of it."""
+    """Yield the compiled engine can do what is asked of it."""
     network = "mlp" if config.network.target == MLP else config.network.name
     solver = None if "target" in config.solver else config.solver.name
     reason = obstacle(network, solver, config.eigen.jacobian)
@@ -326,7 +326,7 @@ def _engine(config: DictConfig) -> Iterator[str]:
 
 
 def _target(config: DictConfig) -> Iterator[str]:
-    """A corridor is one, and stated targets give the terms something to meet."""
+    """Yield a corridor is one, and stated targets give the terms something to meet."""
     target = config.target
     corridor = target.stiffness
     if corridor is not None and not (len(corridor) == 2 and corridor[0] <= corridor[1]):
@@ -344,10 +344,11 @@ def _target(config: DictConfig) -> Iterator[str]:
     origin = {word: f"{key}={text}" for key, text in reversed(list(named_terms(config))) for word in split_grads(text)}
     for word in training_terms(config):
         key = origin[word]
-        if word in ("frq", "dmp", "osc") and count == 0:
+        target_part = TERMS[word].target if word in TERMS else None
+        if target_part == "pairs" and count == 0:
             yield f"{key}: {word} has nothing to meet; state target.frequency and target.damping"
-        if word == "stf" and corridor is None:
-            yield f"{key}: stf has nothing to meet; state target.stiffness=[low,high]"
+        if target_part == "ratio" and corridor is None:
+            yield f"{key}: {word} has nothing to meet; state target.stiffness=[low,high]"
 
 
 CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (

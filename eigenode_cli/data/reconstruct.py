@@ -79,7 +79,7 @@ def _complete_pair(series: Series, states: Floats, rates: Floats, position: int,
 
 
 def _curve(times: Floats, values: Floats) -> "BSpline | PPoly | None":
-    """The spline through the finite values of a signal, None if there are fewer than two."""
+    """Return the spline through the finite values of a signal, None if there are fewer than two."""
     seen = np.isfinite(values)
     first = np.concatenate([[True], np.diff(times[seen]) > 0.0]) if seen.any() else np.empty(0, dtype=bool)
     t, y = times[seen][first], values[seen][first]

@@ -38,7 +38,7 @@ class Truth:
 
 @lru_cache(maxsize=16)
 def _solved(system: System, initial_state: tuple[float, ...], end: float) -> OdeSolution:
-    """The solution from 0 to `end`, which a run asks for at several grids, and many seeds in one process again."""
+    """Return the solution from 0 to `end`; a run asks for it at several grids, many seeds in one process again."""
     solution = solve_ivp(
         lambda _t, x: system.dynamics(x),
         (0.0, end),

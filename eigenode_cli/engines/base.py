@@ -11,12 +11,12 @@ from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.engines.update import Update, learn
 from eigenode_cli.solve.status import SOLVED, Status
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import NAMES, SPECTRAL
 
 
 @dataclass(frozen=True)
 class LossJacobian:
-    """Values and parameter gradients of the named terms from one solve (the paper's Equ. multigrad).
+    """Values and parameter gradients of the named terms from one solve (the paper's Equ. 13).
 
     Attributes:
         values: of the L named terms `(L,)`, unscaled; NaN where a failed solve leaves a term undefined.
@@ -107,7 +107,7 @@ def residual_rows(problem: Problem) -> dict[str, slice]:
         raise ValueError("residuals are those of the six terms along a solution")
     rows, start = {}, 0
     for term in problem.terms:
-        count = problem.measured if term == NAMES[0] else problem.spectral_index.size
+        count = problem.spectral_index.size if term in SPECTRAL else problem.measured
         rows[term] = slice(start, start + count)
         start += count
     return rows

@@ -1,4 +1,4 @@
-"""Combinations: how several gradients become optimizer steps (the paper's Sec. 3.4, ways 2 and 3).
+"""Combinations: how several gradients become optimizer steps (the paper's Sec. 2.4, ways 2 and 3).
 
 A combination maps the gradients `(L, P)` of one solve, each times its scale, to updates `(K, P)` that the optimizer
 takes one after another. Gradients that are zero or not finite do not act. It is compiled, so that the compiled engine

@@ -8,10 +8,7 @@ from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.base import Advance, Engine, Evaluation, LossJacobian, ResidualJacobian, single_step
 from eigenode_cli.engines.update import Update
 from eigenode_cli.solve.status import Status
-from eigenode_cli.terms import NAMES
-
-SPECTRAL = NAMES[1:]
-"""The terms that need no solution, only states to take a spectrum at."""
+from eigenode_cli.terms import SPECTRAL
 
 
 class SplitEngine:

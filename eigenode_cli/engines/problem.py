@@ -10,7 +10,7 @@ from eigenode_cli.arrays import Floats, Integers
 from eigenode_cli.data.dataset import Series
 from eigenode_cli.data.targets import Targets
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import NAMES, SPECTRAL
 
 REACH = 10.0
 """A failed solve stabilises with the states that it reached within this multiple of the data's range. Farther out the
@@ -28,7 +28,8 @@ class Problem:
         every: spectra are taken at `data.times[::every]`.
         states: states at the data times `(N, n)`, measured or reconstructed, at which spectra are taken where nothing
             is solved; None where they are not known.
-        errors: error function of each of the six terms `(6,)` (codes of `terms.errors`); `huber_delta` its threshold.
+        errors: error function of each term of the registry, codes of `terms.errors` `(len(NAMES),)`; `huber_delta` its
+            threshold.
         margin: stability margin in 1/s.
         max_condition: guard on eigenvalue condition numbers.
         jacobian: autodiff | finite_difference | symbolic (the compiled engine computes the exact one).
@@ -63,7 +64,7 @@ class Problem:
         if self.states is None and np.isfinite(self.data.seen).all():
             object.__setattr__(self, "states", self.data.seen)
         known = self.states is not None and np.isfinite(self.states).all()
-        needed = not self.solved or (self.stabilise and self.terms != NAMES[:1])
+        needed = not self.solved or (self.stabilise and not set(SPECTRAL).isdisjoint(self.terms))
         if needed and not known:
             raise ValueError(
                 "spectra at the data times need all states there: measure them, let them be reconstructed"

@@ -9,7 +9,7 @@ from eigenode_cli.engines.base import Advance, Engine, Evaluation, LossJacobian,
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.engines.update import Update
 from eigenode_cli.solve.status import Status
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import NAMES, SPECTRAL
 
 
 class SeveralEngine:
@@ -45,7 +45,7 @@ class SeveralEngine:
     def _shares(self, names: Sequence[str]) -> Floats:
         """Share of each trajectory in the mean of each term `(N, L)`."""
         counts = [
-            [problem.measured if name == NAMES[0] else problem.spectral_index.size for name in names]
+            [problem.spectral_index.size if name in SPECTRAL else problem.measured for name in names]
             for problem in self._problems
         ]
         numbers = np.array(counts, dtype=np.float64)
@@ -99,7 +99,7 @@ class SeveralEngine:
         columns = self._columns(theta.size)
         found = [engine.evaluate(theta[own], times) for engine, own in zip(self._engines, columns, strict=True)]
         own_terms = found[0].values.size - len(NAMES)
-        shares = self._shares([*NAMES, *[""] * own_terms])
+        shares = self._shares([*NAMES, *[SPECTRAL[0]] * own_terms])
         return Evaluation(
             values=(shares * np.array([one.values for one in found])).sum(axis=0),
             trajectory=found[0].trajectory,
@@ -112,5 +112,5 @@ class SeveralEngine:
 
 
 def _worst(statuses: Sequence[Status]) -> Status:
-    """The first status that is not OK, if there is one."""
+    """Return the first status that is not OK, if there is one."""
     return next((status for status in statuses if status is not Status.OK), Status.OK)

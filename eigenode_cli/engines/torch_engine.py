@@ -17,7 +17,7 @@ from eigenode_cli.solve.trajectory import Trajectory, solve
 from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.jacobian import jacobian
 from eigenode_cli.spectra.pairs import rounding_levels
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import NAMES, SPECTRAL
 from eigenode_cli.terms.errors import MSE
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
 from eigenode_cli.terms.user import UserTerm
@@ -131,7 +131,7 @@ class TorchEngine:
     def _residuals(self, term: str, forward: _Forward) -> Tensor:
         """Return the residuals of one term."""
         problem = self.problem
-        if term == NAMES[0]:
+        if term not in SPECTRAL:
             mask = torch.from_numpy(problem.data.mask)
             return forward.trajectory.states[mask] - torch.from_numpy(problem.data.values)[mask]
         spectra, squares = forward.spectral, np.full(len(NAMES), MSE)
@@ -205,13 +205,13 @@ class TorchEngine:
     def _values(
         self, terms: tuple[str, ...], trajectory: Trajectory, spectra: _Spectra, targets: Targets, recorded: bool
     ) -> dict[str, Tensor]:
-        """The named terms, NaN where a failed solve leaves them undefined, or there is nothing to record."""
+        """Return the named terms, NaN where a failed solve leaves them undefined, or there is nothing to record."""
         problem = self.problem
         undefined = torch.tensor(np.nan, dtype=torch.float64)
         values = dict.fromkeys(terms, undefined)
         solved = trajectory.status is Status.OK
         if solved or problem.stabilise:
-            spectral = [term for term in terms if term in NAMES[1:]]
+            spectral = [term for term in terms if term in SPECTRAL]
             vector = spectral_values(
                 spectra.eigenvalues,
                 spectral,

@@ -59,7 +59,7 @@ class Mlp(nn.Module):
         return (self._linear[0].in_features, *(layer.out_features for layer in self._linear))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Outputs `(..., m)` at inputs `x (..., n)`."""
+        """Return the outputs `(..., m)` at inputs `x (..., n)`."""
         u = x if self.input_scale is None else x * self.input_scale
         for layer in self._linear[:-1]:
             u = self._act(layer(u))

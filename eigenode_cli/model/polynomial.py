@@ -36,7 +36,7 @@ class Polynomial(nn.Module):
         self.coefficients = nn.Parameter((2.0 * draw - 1.0) * spread)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Outputs `(..., m)` at inputs `x (..., n)`."""
+        """Return the outputs `(..., m)` at inputs `x (..., n)`."""
         # repeated products, not x**k: the second derivative of the latter is NaN at 0
         powers = [torch.ones_like(x)]
         for _ in range(int(self.exponents.max())):

@@ -29,10 +29,10 @@ def write_html(path: Path, template: str, content: Mapping[str, Any]) -> Path:
 
 
 def image_source(svg: bytes) -> str:
-    """An SVG as the source of an image on the page."""
+    """Return an SVG as the source of an image on the page."""
     return "data:image/svg+xml;base64," + b64encode(svg).decode("ascii")
 
 
 def page_number(value: float | None) -> str:
-    """A number of a page: as in a table, with a true minus sign."""
+    """Return a number of a page: as in a table, with a true minus sign."""
     return minus(number(value))

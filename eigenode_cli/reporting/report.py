@@ -62,7 +62,7 @@ def page_content(run: Run) -> dict[str, Any]:
 
 
 def _numbers(run: Run) -> dict[str, Any]:
-    """What the page shows of metrics.csv."""
+    """Return what the page shows of metrics.csv."""
     metrics = run.metrics
     failures = Counter(status for status in metrics.status if status != Status.OK.label)
     return {
@@ -75,7 +75,7 @@ def _numbers(run: Run) -> dict[str, Any]:
 
 
 def headline(run: Run) -> list[dict[str, str]]:
-    """The result in four numbers: title, value, unit or remark of each."""
+    """Return the result in four numbers: title, value, unit or remark of each."""
     metrics, unit = run.metrics, run.states[0].unit
     real, error = float(metrics.max_real[-1]), float(metrics.dense_error[-1])
     side = "" if not np.isfinite(real) else "1/s, stable" if real < 0.0 else "1/s, not stable"
@@ -89,7 +89,7 @@ def headline(run: Run) -> list[dict[str, str]]:
 
 
 def facts(run: Run) -> list[tuple[str, str]]:
-    """What was run, as pairs of a word and its value."""
+    """Return what was run, as pairs of a word and its value."""
     metrics = run.metrics
     return [
         ("system", run.system),
@@ -101,7 +101,7 @@ def facts(run: Run) -> list[tuple[str, str]]:
 
 
 def _of_convergence(run: Run) -> str:
-    """The caption with the local minima."""
+    """Return the caption with the local minima."""
     minima = convergence_numbers(run).minima
     levels = "; ".join(f"{page_number(m.level)} from step {m.start:,.0f} to {m.stop:,.0f}" for m in minima)
     stood = f" Local minima (black-dashed): {levels}." if minima else " No local minimum was found."

@@ -109,7 +109,7 @@ class Numbers:
 
 
 def figure_numbers(experiment: Experiment, spec: FigureSpec, results: Mapping[str, Sequence[Result]]) -> Numbers | None:
-    """The numbers of a figure, None where no run of it was finished."""
+    """Return the numbers of a figure, None where no run of it was finished."""
     shown = spec.runs or list(experiment.runs)
     colors = {name: COLORS[i % len(COLORS)] for i, name in enumerate(experiment.runs)}
     finished = {name: [result for result in results[name] if result.finished] for name in shown}
@@ -142,7 +142,7 @@ def figure_numbers(experiment: Experiment, spec: FigureSpec, results: Mapping[st
 
 
 def _curve_of(result: Result, kind: str, steps: Floats) -> Floats:
-    """What a convergence or a stability shows of one training, at all of `steps`: NaN where it has no record."""
+    """Return what a convergence or a stability shows of one training, at all of `steps`: NaN where it has no record."""
     metrics, curve = result.metrics, np.full(steps.size, np.nan)
     curve[np.searchsorted(steps, metrics.step)] = metrics.terms["sol"] if kind == "convergence" else metrics.max_real
     return curve
@@ -164,7 +164,7 @@ def _minima(steps: Floats, curves: Sequence[Curve], some: Result) -> tuple[float
 
 
 def merged(levels: Sequence[float]) -> tuple[float, ...]:
-    """The levels, ascending, those within `NEAR` of the next replaced by their median."""
+    """Return the levels, ascending, those within `NEAR` of the next replaced by their median."""
     groups: list[list[float]] = []
     for level in sorted(levels):
         if groups and level <= NEAR * groups[-1][-1]:
@@ -175,7 +175,7 @@ def merged(levels: Sequence[float]) -> tuple[float, ...]:
 
 
 def median_result(results: Sequence[Result], by: str) -> Result:
-    """The result whose last `dense_error` (or `test_sol`) is nearest to the median of all, the first of equals."""
+    """Return the result whose last `dense_error` (or `test_sol`) is nearest to the median, the first of equals."""
     errors = np.array([MEDIANS[by](result) for result in results])
     known = errors[np.isfinite(errors)]
     if not known.size:
@@ -245,7 +245,7 @@ def write_numbers(path: Path, numbers: Numbers) -> None:
 
 
 def draw(numbers: Numbers) -> "Figure":
-    """The figure."""
+    """Return the figure."""
     extra = len(numbers.curves) + 2 + len(numbers.minima[:1])
     figure = new_figure(3.1 + ROW_HEIGHT * -(-extra // LEGEND_COLUMNS))
     DRAWINGS[numbers.kind](figure, numbers)
@@ -253,7 +253,7 @@ def draw(numbers: Numbers) -> "Figure":
 
 
 def title(name: str) -> str:
-    """A run's name in the legend: SOL+STB as in the paper where it is its grads, else as it stands."""
+    """Return a run's name in the legend: SOL+STB as in the paper where it is its grads, else as it stands."""
     return name.upper() if all(part in NAMES for part in name.split("+")) else name
 
 
@@ -370,6 +370,6 @@ def draw_all(study: Study, folder: Path) -> list[Path]:
 
 
 def svg(numbers: Numbers) -> bytes:
-    """A figure as a self-contained SVG."""
+    """Return a figure as a self-contained SVG."""
     with house_style():
         return to_svg(draw(numbers))

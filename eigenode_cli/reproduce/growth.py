@@ -43,7 +43,7 @@ class Series:
 
 
 def measure_growth(path: Path) -> list[Series]:
-    """The times, measured once and kept in the JSON file `path`."""
+    """Return the times, measured once and kept in the JSON file `path`."""
     if not path.is_file():
         listed = []
         for points in POINTS:

@@ -63,7 +63,7 @@ class JournalTable:
 
 
 def journal_table(study: Study, name: str) -> JournalTable:
-    """The table of one experiment.
+    """Return the table of one experiment.
 
     *hit* is the first recorded step at which the median SOL of a run is below the final median of `sol` alone, the
     run of that name; times are the medians over the seeds of the fastest of many calls, of a simulation with its
@@ -101,7 +101,7 @@ def _row(results: Sequence[Result], level: float) -> list[float]:
 
 
 def final_sol(results: Sequence[Result]) -> Floats:
-    """The last SOL of every finished run."""
+    """Return the last SOL of every finished run."""
     return np.array([result.metrics.terms["sol"][-1] for result in results if result.finished])
 
 
@@ -124,7 +124,7 @@ def hit_step(results: Sequence[Result], level: float) -> float:
 
 
 def tables_of(study: Study, name: str) -> "list[JournalTable | GrowthTable]":
-    """The tables that an experiment asks for."""
+    """Return the tables that an experiment asks for."""
     experiment = study.experiments[name]
     tables: list[JournalTable | GrowthTable] = [journal_table(study, name)] if experiment.table else []
     if experiment.growth:

@@ -32,7 +32,7 @@ def names(folder: Path = EXPERIMENT_DIR) -> dict[str, Path]:
 
 
 def load(name: str, folder: Path = EXPERIMENT_DIR) -> Experiment:
-    """The experiment called `name`, or in the file `name` if that ends in .yaml.
+    """Return the experiment called `name`, or in the file `name` if that ends in .yaml.
 
     Raises:
         UserError: there is none, or its file has faults; with all of them.
@@ -46,7 +46,7 @@ def load(name: str, folder: Path = EXPERIMENT_DIR) -> Experiment:
 
 
 def read(path: Path) -> Experiment:
-    """The experiment in a file.
+    """Return the experiment in a file.
 
     Raises:
         UserError: with all faults of the file.
@@ -67,7 +67,7 @@ def read(path: Path) -> Experiment:
 
 
 def _read(schema: type[Any], content: Any, prefix: str, faults: list[str]) -> Any:
-    """An instance of a dataclass from a mapping; what is wrong goes to `faults`."""
+    """Return an instance of a dataclass from a mapping; what is wrong goes to `faults`."""
     if not isinstance(content, dict):
         faults.append(f"{prefix.rstrip('.') or 'the file'}: must be a mapping of settings")
         return None
@@ -89,7 +89,7 @@ def _read(schema: type[Any], content: Any, prefix: str, faults: list[str]) -> An
 
 
 def _value(hint: Any, value: Any, key: str, entry: "Field[Any]", faults: list[str]) -> Any:
-    """A value of the type that the hint names: optional, dataclass, list, mapping, or a plain one."""
+    """Return a value of the type that the hint names: optional, dataclass, list, mapping, or a plain one."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         return None if value is None else _value(inner[0], value, key, entry, faults)
@@ -103,7 +103,7 @@ def _value(hint: Any, value: Any, key: str, entry: "Field[Any]", faults: list[st
 
 
 def _plain(kind: Any, value: Any, key: str, entry: "Field[Any]", faults: list[str]) -> Any:
-    """A number, text or switch within its constraint; a whole number is a number, too."""
+    """Return a number, text or switch within its constraint; a whole number is a number, too."""
     if kind is float and type(value) is int:
         value = float(value)
     fault = constraint_of(entry).fault(value) if type(value) is kind else f"must be {WORDS[kind]}"
@@ -113,7 +113,7 @@ def _plain(kind: Any, value: Any, key: str, entry: "Field[Any]", faults: list[st
 
 
 def _fit(experiment: Experiment) -> Iterator[str]:
-    """What must fit together in one experiment."""
+    """Yield what must fit together in one experiment."""
     if not experiment.protocols:
         yield "protocols: name at least one"
     if not experiment.runs and not experiment.growth:
@@ -153,7 +153,7 @@ AT_A_STEP = ("sol", "dense_error", "relative_error", "sol_to_average", "max_real
 
 
 def words_of(run: RunSpec, protocol: str) -> list[str]:
-    """The words of `eigenode train` that start a run, but for its seed."""
+    """Return the words of `eigenode train` that start a run, but for its seed."""
     chosen = [f"protocol={run.protocol or protocol}", f"system={run.system}", f"grads={run.grads}"]
     return normalise([*chosen, *run.overrides, "trainer.figures=false"])
 
@@ -188,7 +188,7 @@ def check_all(composer: Composer, folder: Path = EXPERIMENT_DIR) -> Checked:
 
 
 def run_faults(composer: Composer, name: str, experiment: Experiment, protocol: str) -> Sequence[str]:
-    """What `eigenode train` would say against the runs of an experiment."""
+    """Return what `eigenode train` would say against the runs of an experiment."""
     faults = []
     for label, run in experiment.runs.items():
         found = examine(composer, words_of(run, protocol))
@@ -197,5 +197,5 @@ def run_faults(composer: Composer, name: str, experiment: Experiment, protocol: 
 
 
 def run_lines(name: str, label: str, found: Examined) -> list[str]:
-    """The faults of one run with its place."""
+    """Return the faults of one run with its place."""
     return [f"{name}: run {label}: {fault}" for fault in (*found.faults, *found.useless.values())]

@@ -58,7 +58,7 @@ class Result:
         return float(np.abs(self.solution.truth[~self.solution.beyond, 0]).max())
 
     def extra(self, name: str) -> dict[str, float]:
-        """What was measured of the trained model afterwards, from a JSON file in its folder.
+        """Return what was measured of the trained model afterwards, from a JSON file in its folder.
 
         Raises:
             RecordError: it was not measured.
@@ -70,7 +70,7 @@ class Result:
 
 
 def at_step(metrics: Metrics, values: Floats, step: int | None) -> float:
-    """The recorded value at a training step, the last one for None; NaN where that step was not recorded."""
+    """Return the recorded value at a training step, the last one for None; NaN where that step was not recorded."""
     if step is None:
         return float(values[-1])
     found = np.flatnonzero(metrics.step == step)
@@ -93,7 +93,7 @@ def relative_error(result: Result, claim: ClaimSpec) -> float:
 
 
 def sol_to_average(result: Result, claim: ClaimSpec) -> float:
-    """SOL over that of the average of the data: 1 in the local minimum of Fig. oscmin, 0 for a perfect fit."""
+    """SOL over that of the average of the data: 1 in the local minimum of Fig. 1, 0 for a perfect fit."""
     return sol(result, claim) / result.average
 
 
@@ -116,7 +116,7 @@ def stable_first(result: Result, claim: ClaimSpec) -> float:
 
 
 def stable_from(result: Result, claim: ClaimSpec) -> float:
-    """Recorded step from which on the system stays stable within the tolerance; infinite if it ends unstable."""
+    """Return the recorded step from which on the system stays stable within the tolerance, else infinity."""
     unstable = np.flatnonzero(~(result.metrics.max_real <= (claim.tolerance or 0.0)))
     if not unstable.size:
         return float(result.metrics.step[0])
@@ -134,7 +134,7 @@ def rebound(result: Result, claim: ClaimSpec) -> float:
 
 
 def parameters(result: Result, claim: ClaimSpec) -> float:
-    """Number of learned parameters."""
+    """Return number of learned parameters."""
     del claim
     return float(result.run.parameters)
 

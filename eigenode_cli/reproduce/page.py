@@ -34,7 +34,7 @@ def write_page(study: Study, verdicts: Sequence[Verdict], summary: Summary, fold
 def _section(
     study: Study, name: str, experiment: Experiment, verdicts: Sequence[Verdict], runs: RunTable | None
 ) -> dict[str, Any]:
-    """What the page shows of one experiment."""
+    """Return what the page shows of one experiment."""
     figures = []
     for spec in experiment.figures:
         numbers = figure_numbers(experiment, spec, study.results[name])
@@ -56,5 +56,5 @@ def _section(
 
 
 def _table(title: str, table: TextTable) -> dict[str, Any]:
-    """A table as the page shows it."""
+    """Return a table as the page shows it."""
     return {"title": title, "header": table.header, "rows": [[minus(cell) for cell in row] for row in table.rows]}

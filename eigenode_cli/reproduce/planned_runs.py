@@ -49,13 +49,13 @@ class Unit:
 
 
 def container(config: TrainConfig) -> dict[str, Any]:
-    """A configuration as it stands in run.json."""
+    """Return a configuration as it stands in run.json."""
     plain = OmegaConf.to_container(OmegaConf.structured(config), resolve=True)
     return json.loads(json.dumps(plain))
 
 
 def folder_of(config: TrainConfig) -> Path:
-    """The folder of a unit: named for people, and by a hash of every setting but the seed."""
+    """Return the folder of a unit: named for people, and by a hash of every setting but the seed."""
     settings = container(config) | {"seed": None}
     mark = hashlib.sha1(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:8]
     name = slug(f"{config.system.name}_{config.grads}")
@@ -65,7 +65,7 @@ def folder_of(config: TrainConfig) -> Path:
 def seeded(
     config: TrainConfig, words: Sequence[str], repetitions: int, composed: DictConfig | None = None
 ) -> list[Unit]:
-    """The units of a run with the seeds 0, 1, ...; the seed alone decides the initial weights, so they are paired.
+    """Return the units of a run with the seeds 0, 1, ...; the seed alone decides the weights, so they are paired.
 
     Args:
         config: the run's configuration with any seed.
@@ -78,12 +78,12 @@ def seeded(
 
 
 def distinct(units: Sequence[Unit]) -> list[Unit]:
-    """The units without those that another experiment asks for as well."""
+    """Return the units without those that another experiment asks for as well."""
     return list({unit.folder: unit for unit in units}.values())
 
 
 def pending(units: Sequence[Unit]) -> list[Unit]:
-    """The units that are still to be trained, or again where something failed."""
+    """Return the units that are still to be trained, or again where something failed."""
     return [unit for unit in units if unit.status not in FINAL]
 
 

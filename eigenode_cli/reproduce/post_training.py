@@ -35,7 +35,7 @@ solver is wrong here."""
 
 
 def _trained(unit: Unit) -> tuple[Setup, Floats]:
-    """The parts of a finished unit and the parameters that it keeps."""
+    """Return the parts of a finished unit and the parameters that it keeps."""
     setup = build(unit.config, unheard)
     saved = load_last(unit.folder)
     if saved is None:

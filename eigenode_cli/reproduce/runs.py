@@ -96,7 +96,7 @@ class RunTable:
 
 
 def run_tables(study: Study) -> dict[str, RunTable]:
-    """The table of every experiment that has runs, by its name."""
+    """Return the table of every experiment that has runs, by its name."""
     return {
         name: RunTable(study.experiments[name].title, tuple(_row(label, listed) for label, listed in runs.items()))
         for name, runs in study.results.items()

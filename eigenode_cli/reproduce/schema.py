@@ -118,7 +118,7 @@ OPTIONAL = {
 
 
 def default_of(entry: "Field[Any]") -> Any:
-    """What stands for a field that a file leaves out; NEVER where it may not."""
+    """Return what stands for a field that a file leaves out; NEVER where it may not."""
     if entry.name in OPTIONAL:
         return OPTIONAL[entry.name]
     if entry.default_factory is not NEVER:

@@ -82,7 +82,7 @@ class Study:
         return distinct([unit for runs in listed for units in runs.values() for unit in units])
 
     def verdicts(self) -> list[Verdict]:
-        """The verdict on every claim."""
+        """Return the verdict on every claim."""
         return [
             judge(name, claim, self.results[name])
             for name, experiment in self.experiments.items()
@@ -213,7 +213,7 @@ def alone(folder: Path) -> Iterator[None]:
 
 
 def _counted(what: str, results: Iterable[Any], total: int) -> Iterator[Any]:
-    """The results, each counted as it comes."""
+    """Yield the results, each counted as it comes."""
     if total:
         with counter(what, total, start=1) as shown:
             for done, result in enumerate(results, start=1):

@@ -43,7 +43,7 @@ class Summary:
 
 
 def reached(value: float | None) -> str:
-    """A number, or `never` for a step that was not reached."""
+    """Return a number, or `never` for a step that was not reached."""
     return "never" if value is not None and math.isinf(value) else number(value)
 
 
@@ -55,7 +55,7 @@ def found(verdict: Verdict) -> str:
 
 
 def cells(verdict: Verdict) -> tuple[str, ...]:
-    """A row of the table as text, in the order of `HEADER`."""
+    """Return a row of the table as text, in the order of `HEADER`."""
     return (
         verdict.sentence,
         verdict.place,

@@ -54,7 +54,7 @@ class Verdict:
     values: tuple[float | None, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """A mapping for JSON; infinity, which JSON has not, stands as text."""
+        """Return a mapping for JSON; infinity, which JSON has not, stands as text."""
         return {key: _plain(value) for key, value in asdict(self).items()}
 
 
@@ -65,7 +65,7 @@ def _plain(value: Any) -> Any:
 
 
 def judge(experiment: str, claim: ClaimSpec, results: Mapping[str, Sequence[Result]]) -> Verdict:
-    """The verdict on a claim from the results of its runs, seed by seed."""
+    """Return the verdict on a claim from the results of its runs, seed by seed."""
     mine = results[claim.run]
     others = results[claim.against] if claim.against is not None else [None] * len(mine)
     values = np.array([_value(claim, a, b) for a, b in zip(mine, others, strict=True)])
@@ -93,7 +93,7 @@ def judge(experiment: str, claim: ClaimSpec, results: Mapping[str, Sequence[Resu
 
 
 def _value(claim: ClaimSpec, mine: Result, other: Result | None) -> float:
-    """The claim's number for one seed; NaN where a run did not finish."""
+    """Return the claim's number for one seed; NaN where a run did not finish."""
     if not mine.finished or (other is not None and not other.finished):
         return float("nan")
     measure = MEASURES[claim.measure]

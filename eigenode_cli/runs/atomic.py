@@ -76,7 +76,7 @@ def _plain(value: Any) -> Any:
 
 
 def cell(value: float | int | str) -> str:
-    """A number as it stands in a CSV file: all digits, empty where it is not defined."""
+    """Return a number as it stands in a CSV file: all digits, empty where it is not defined."""
     if isinstance(value, float):
         return repr(float(value)) if math.isfinite(value) else ""
     return str(value)

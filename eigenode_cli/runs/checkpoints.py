@@ -14,7 +14,7 @@ FOLDER = "checkpoints"
 
 
 def checkpoint_path(text: str, step: int | None = None) -> Path:
-    """The checkpoint that a user names: a file, or a run (a folder, or a name under outputs/).
+    """Return the checkpoint that a user names: a file, or a run (a folder, or a name under outputs/).
 
     Args:
         text: what the user typed.
@@ -47,7 +47,7 @@ def _result(folder: Path, last: int) -> int:
 
 
 def load_checkpoint(path: Path) -> dict[str, torch.Tensor]:
-    """The tensors in a checkpoint by name: the network's state_dict, `linear`, `initial_state`.
+    """Return the tensors in a checkpoint by name: the network's state_dict, `linear`, `initial_state`.
 
     Raises:
         RecordError: it cannot be read.

@@ -39,7 +39,7 @@ def slug(text: str) -> str:
 
 
 def claim_folder(name: str) -> Path:
-    """A new folder `outputs/<date>_<time>_<name>`, created here and now, so that two runs never share one.
+    """Return a new folder `outputs/<date>_<time>_<name>`, created here and now, so that two runs never share one.
 
     Raises:
         UserError: it can't be made.
@@ -74,7 +74,7 @@ def new_folder(folder: Path, said: str) -> None:
 
 
 def run_folder(text: str) -> Path:
-    """The folder of a run, given as a path or as a name under `outputs/`.
+    """Return the folder of a run, given as a path or as a name under `outputs/`.
 
     Args:
         text: what the user typed.
@@ -131,7 +131,7 @@ def importable(*folders: str) -> Iterator[None]:
 
 
 def hidden(module: str) -> Path | None:
-    """The user's own file that an installed module of the same name keeps from being imported, None if there is none.
+    """Return the user's file that an installed module of its name keeps from being imported; None if there is none.
 
     Args:
         module: dotted name of what was asked for.

@@ -156,7 +156,7 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """The run recorded in `folder`, with all its tables.
+    """Return the run recorded in `folder`, with all its tables.
 
     Raises:
         RecordError: a file, key, column or number is missing or wrong; the message names it.
@@ -170,7 +170,7 @@ def read_run(folder: Path) -> Run:
 
 
 def open_run(folder: Path) -> Run:
-    """The run recorded in `folder`, whose tables are yet to be read.
+    """Return the run recorded in `folder`, whose tables are yet to be read.
 
     Raises:
         RecordError: run.json is missing, or lacks something, or something in it is wrong; the message names it.

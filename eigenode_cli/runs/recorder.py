@@ -126,7 +126,7 @@ def metrics_header(names: Sequence[str], monitored: Sequence[str] = ()) -> str:
 
 
 def complete_rows(folder: Path, header: str, before: int) -> list[str]:
-    """The rows of metrics.csv of the steps before one; the last row may have been cut off.
+    """Return the rows of metrics.csv of the steps before one; the last row may have been cut off.
 
     Raises:
         RecordError: a line is damaged; the message names it.
@@ -152,7 +152,7 @@ def complete_rows(folder: Path, header: str, before: int) -> list[str]:
 
 
 def load_last(folder: Path) -> Snapshot | None:
-    """What `save_last` wrote; None where nothing was saved yet. Sets torch's random state to the saved one.
+    """Return what `save_last` wrote; None where nothing was saved yet. Sets torch's random state to the saved one.
 
     Raises:
         RecordError: it is damaged.
@@ -176,7 +176,7 @@ def load_last(folder: Path) -> Snapshot | None:
 
 
 def _plain(network: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """The tensors of a state_dict as a file takes them."""
+    """Return the tensors of a state_dict as a file takes them."""
     return {name: tensor.detach().contiguous() for name, tensor in network.items()}
 
 

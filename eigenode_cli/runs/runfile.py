@@ -44,28 +44,28 @@ class Record:
         return value
 
     def text(self, key: str) -> str:
-        """A text."""
+        """Return a text."""
         return self._typed(key, str, "text")
 
     def optional_text(self, key: str) -> str | None:
-        """A text, or None."""
+        """Return a text, or None."""
         return None if self._find(key) is None else self.text(key)
 
     def integer(self, key: str) -> int:
-        """A whole number."""
+        """Return a whole number."""
         return self._typed(key, int, "an integer")
 
     def number(self, key: str) -> float:
-        """A number."""
+        """Return a number."""
         value = self._find(key)
         return float(self.integer(key) if isinstance(value, int) else self._typed(key, float, "a number"))
 
     def mapping(self, key: str) -> dict[str, Any]:
-        """A mapping."""
+        """Return a mapping."""
         return self._typed(key, dict, "a mapping")
 
     def entries(self, key: str) -> list["Record"]:
-        """The mappings of a list that is not empty."""
+        """Return the mappings of a list that is not empty."""
         items = self._typed(key, list, "a list")
         if not items:
             raise RecordError(f"run.json: {self._prefix}{key} is empty")
@@ -73,7 +73,7 @@ class Record:
 
 
 def flags(command: str) -> list[str]:
-    """The flags in the command of a run that its own configs and code take: `--config-dir`, `--config-name`."""
+    """Return the flags in the command of a run that its own configs and code take: `--config-dir`, `--config-name`."""
     try:
         words = shlex.split(command)
     except ValueError:  # not written by a run
@@ -82,13 +82,13 @@ def flags(command: str) -> list[str]:
 
 
 def resume_command(folder: Path, command: str) -> str:
-    """The command that goes on with the run in `folder`, which `command` started."""
+    """Return the command that goes on with the run in `folder`, which `command` started."""
     own = [word for word in flags(command) if word.startswith("--config-dir=")]
     return shlex.join(["eigenode", "resume", str(folder), *own])
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """What run.json in `folder` says.
+    """Return what run.json in `folder` says.
 
     Raises:
         RecordError: it is missing, cannot be read, or was written by a newer version.

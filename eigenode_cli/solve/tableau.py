@@ -56,7 +56,7 @@ def _lower(rows: list[list[float]]) -> NDArray[np.float64]:
 
 
 def _hermite(b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The cubic through both ends with the derivatives at both ends, as `dense` weights."""
+    """Return the cubic through both ends with the derivatives at both ends, as `dense` weights."""
     start, end = np.eye(b.size)[0], np.eye(b.size)[-1]
     return np.stack([start, 3 * b - 2 * start - end, start + end - 2 * b, np.zeros(b.size)], axis=1)
 
@@ -170,7 +170,7 @@ _DOPRI5_MIDPOINT = 0.5 * np.array(
 
 
 def _quartic(b: NDArray[np.float64], midpoint: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The quartic through both ends and the midpoint with the derivatives at both ends, as `dense` weights."""
+    """Return the quartic through both ends and the midpoint with the derivatives at both ends, as `dense` weights."""
     start, end = np.eye(b.size)[0], np.eye(b.size)[-1]
     square = end - 4 * start - 5 * b + 16 * midpoint
     cube = 5 * start - 3 * end + 14 * b - 32 * midpoint

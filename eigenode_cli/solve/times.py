@@ -28,12 +28,12 @@ def checked_times(times: Any) -> Floats:
 
 
 def fixed_step_count(step: float, start: float, end: float) -> int:
-    """Steps of size `step` from `start` to `end` in s, the last one shorter: no sliver behind a rounded multiple."""
+    """Count the steps of size `step` from `start` to `end` in s, the last one shorter: no sliver behind a multiple."""
     return max(1, math.ceil((end - start) / step - 1e-9)) if end > start else 0
 
 
 def fixed_steps(step: float, start: float, end: float) -> Floats:
-    """Steps of one size from `start` to `end` in s, the last one shorter; no sliver where it divides the time."""
+    """Return steps of one size from `start` to `end` in s, the last one shorter; no sliver where they fit."""
     count = fixed_step_count(step, start, end)
     steps = np.full(count, step)
     steps[-1:] = (end - start) - (count - 1) * step

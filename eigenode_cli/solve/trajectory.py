@@ -37,7 +37,7 @@ class Trajectory:
     steps: list[float]
 
     def padded(self, count: int) -> NDArray[np.float64]:
-        """The states as an array `(count, n)`, NaN where the solve did not arrive."""
+        """Return the states as an array `(count, n)`, NaN where the solve did not arrive."""
         states = self.states.detach().numpy()
         full = np.full((count, states.shape[1]), np.nan)
         full[: states.shape[0]] = states

@@ -6,8 +6,8 @@ right and left eigenvectors, `A v_i = lambda_i v_i` and `w_i^H A = lambda_i w_i^
     d lambda_i = w_i^H dA v_i / (w_i^H v_i)
     dV = V (F o P) + gauge,   P_ij = w_i^H dA v_j / (w_i^H v_i),   F_ij = 1 / (lambda_j - lambda_i), F_ii = 0
 
-which are the paper's Equ. forward1 and forward2 (Giles 2008, Sec. 3.1) with the left eigenvectors in place of the
-inverse of V. The reverse rule is their exact adjoint; it has conjugate transposes where the paper's Equ. reverse prints
+which are the paper's Equ. 1 and 2 (Giles 2008, Sec. 3.1) with the left eigenvectors in place of the
+inverse of V. The reverse rule is their exact adjoint; it has conjugate transposes where the paper's Equ. 4 prints
 plain ones. Higher derivatives follow in any order of the two modes, because left and right eigenvectors are themselves
 differentiable outputs. Inside a cluster of nearly equal eigenvalues the left eigenvectors are made dual to the right
 ones (`refine`), so that slopes of symmetric functions of the cluster are exact where it is not defective.
@@ -273,7 +273,7 @@ def _distinct(values: Tensor, max_condition: float) -> Tensor:
 
 
 def _factors(values: Tensor, max_condition: float) -> Tensor:
-    """F of the paper's Equ. forward2 `(..., n, n)`, zero on the diagonal and where eigenvalues are not distinct."""
+    """F of the paper's Equ. 2 `(..., n, n)`, zero on the diagonal and where eigenvalues are not distinct."""
     distinct = _distinct(values.detach(), max_condition)
     return torch.where(distinct, 1.0 / torch.where(distinct, _gaps(values), 1.0), 0.0)
 
@@ -288,7 +288,7 @@ def _frozen(vectors: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _vectors_forward(vectors: Tensor, left: Tensor, overlap: Tensor, factors: Tensor, change: Tensor) -> Tensor:
-    """`dV (..., n, n)` for `dA = change (..., n, n)`: Equ. forward2, then back into the gauge."""
+    """`dV (..., n, n)` for `dA = change (..., n, n)`: Equ. 2, then back into the gauge."""
     mixing = factors * (left.mH @ change @ vectors) / overlap[..., :, None]
     raw = vectors @ mixing
     index, value = _frozen(vectors)

@@ -57,7 +57,7 @@ def rounding_level(matrix, scale):
 
 @njit
 def rounding_levels(matrices):
-    """The same of each of `matrices (T, n, n)`: `(T,)` in 1/s."""
+    """Return the same of each of `matrices (T, n, n)`: `(T,)` in 1/s."""
     levels, scale = np.empty(matrices.shape[0]), np.empty(matrices.shape[1])
     for t in range(levels.size):
         levels[t] = rounding_level(matrices[t], scale)
@@ -65,7 +65,7 @@ def rounding_levels(matrices):
 
 
 def without_rounding(spectra: NDArray[np.complex128], levels: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """The spectra `(T, n)`, with eigenvalues real that are no pair above their rounding levels `(T,)`."""
+    """Return the spectra `(T, n)`, with eigenvalues real that are no pair above their rounding levels `(T,)`."""
     return np.where(np.abs(spectra.imag) > levels[:, None], spectra, spectra.real)
 
 

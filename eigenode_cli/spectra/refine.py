@@ -78,7 +78,7 @@ def _refine_clusters(matrix: Matrix, values: Complex, right: Complex, left: Comp
 
 
 def _components(joined: NDArray[np.bool_]) -> list[Members]:
-    """Connected components of a symmetric relation `(n, n)` that have more than one member."""
+    """Return the connected components of a symmetric relation `(n, n)` that have more than one member."""
     reached = joined | np.eye(len(joined), dtype=bool)
     for _ in joined:
         reached = reached @ reached

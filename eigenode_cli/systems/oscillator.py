@@ -1,4 +1,4 @@
-"""Translational spring-damper oscillator, a linear system (the paper's Sec. 4.1)."""
+"""Translational spring-damper oscillator, a linear system (the paper's Equ. 16)."""
 
 import numpy as np
 

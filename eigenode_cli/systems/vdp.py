@@ -1,4 +1,4 @@
-"""Van der Pol oscillator, partly unstable and nonlinear (the paper's Sec. 4.3)."""
+"""Van der Pol oscillator, partly unstable and nonlinear (the paper's Equ. 18)."""
 
 import numpy as np
 

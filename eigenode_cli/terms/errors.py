@@ -24,7 +24,7 @@ def error_value(kind, delta, difference):
 
 @njit
 def error_slope(kind, delta, difference):
-    """Derivative of `error_value` with respect to the difference; 0 at 0, where |r| has a kink."""
+    """Return the derivative of `error_value` with respect to the difference; 0 at 0, where |r| has a kink."""
     if kind == MSE:
         return 2.0 * difference
     if kind == HUBER and abs(difference) <= delta:

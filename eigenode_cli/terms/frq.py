@@ -1,4 +1,7 @@
-"""FRQ: frequencies of the oscillating pairs (Equ. lfreq, Sec. 3.3.3)."""
+"""FRQ: frequencies of the oscillating pairs.
+
+T. Thummerer, L. Mikelsons, Eigen-informed NeuralODEs, Equ. 7 and 8. https://arxiv.org/abs/2302.10892
+"""
 
 import math
 
@@ -10,16 +13,9 @@ TWO_PI = 2.0 * math.pi
 
 
 @njit
-def frq(spectrum, match, frequency, error, delta, slope):
-    """`1/M sum_i eps(|Im lambda_i| / 2 pi - f*_i)` over both members of every matched pair, at one time.
-
-    Args:
-        spectrum: eigenvalues `(n,)` in 1/s.
-        match: index of the target of each eigenvalue `(n,)`, `UNMATCHED` for none.
-        frequency: targets `(K,)` in Hz.
-        error, delta: error function (see `errors`) and Huber's threshold.
-        slope: filled with `dl/dRe + i dl/dIm` of every eigenvalue `(n,)`.
-    """
+def frq(comparison, error, delta, slope):
+    """`1/n sum_i eps(|Im lambda_i| / 2 pi - f*_i)` over both members of every matched pair; see `Comparison`."""
+    spectrum, match, frequency = comparison.spectrum, comparison.match, comparison.frequency
     n = spectrum.size
     value = 0.0
     for i in range(n):
@@ -30,4 +26,4 @@ def frq(spectrum, match, frequency, error, delta, slope):
             value += error_value(error, delta, difference) / n
             sign = 1.0 if imag > 0.0 else -1.0
             slope[i] = complex(0.0, sign * error_slope(error, delta, difference) / (TWO_PI * n))
-    return value
+    return value, comparison.matched > 0

@@ -1,4 +1,7 @@
-"""OSC: oscillation capability, real eigenvalues are drawn together until they form a pair (Sec. 3.3.2)."""
+"""OSC: oscillation capability, real eigenvalues are drawn together until they form a pair.
+
+T. Thummerer, L. Mikelsons, Eigen-informed NeuralODEs, Equ. 6. https://arxiv.org/abs/2302.10892
+"""
 
 import numpy as np
 
@@ -8,19 +11,14 @@ from eigenode_cli.terms.errors import error_slope, error_value
 
 
 @njit
-def osc(spectrum, partner, wanted, error, delta, slope):
-    """`1/M sum_(a, b) eps(Re lambda_a - Re lambda_b)` over the pairs that are missing, at one time.
+def osc(comparison, error, delta, slope):
+    """`1/n sum_(a, b) eps(Re lambda_a - Re lambda_b)` over the pairs that are missing; see `Comparison`.
 
-    Existing pairs have no gap between their real parts; as many further pairs as `wanted` exceeds them are sought
-    among the real eigenvalues: neighbours on the real axis, with the smallest sum of gaps.
-
-    Args:
-        spectrum: eigenvalues `(n,)` in 1/s.
-        partner: index of each eigenvalue's conjugate `(n,)`, `REAL` for a real one.
-        wanted: number of pairs that the target has at this time.
-        error, delta: error function (see `errors`) and Huber's threshold.
-        slope: filled with `dl/dRe + i dl/dIm` of every eigenvalue `(n,)`.
+    Existing pairs have no gap between their real parts; as many further pairs as those of the target exceed them are
+    sought among the real eigenvalues: neighbours on the real axis, with the smallest sum of gaps.
     """
+    spectrum, partner, wanted = comparison.spectrum, comparison.partner, comparison.pairs
+    defined = wanted > 0
     n = spectrum.size
     reals = 0
     for i in range(n):
@@ -29,9 +27,9 @@ def osc(spectrum, partner, wanted, error, delta, slope):
             reals += 1
     missing = min(wanted - (n - reals) // 2, reals // 2)
     if missing <= 0:
-        return 0.0
+        return 0.0, defined
     if n == 2:  # the paper's systems: one possible pair, nothing to sort, nothing to allocate
-        return _pull_together(spectrum, 0, 1, error, delta, slope)
+        return _pull_together(spectrum, 0, 1, error, delta, slope), defined
     members = np.empty(reals, np.int64)
     at = 0
     for i in range(n):
@@ -49,7 +47,7 @@ def osc(spectrum, partner, wanted, error, delta, slope):
             value += _pull_together(spectrum, members[b - 2], members[b - 1], error, delta, slope)
             b -= 2
             k -= 1
-    return value
+    return value, defined
 
 
 @njit

@@ -1,4 +1,7 @@
-"""SOL: deviation of the trajectory from the data (the paper's l_SOL, Sec. 4)."""
+"""SOL: deviation of the trajectory from the data.
+
+T. Thummerer, L. Mikelsons, Eigen-informed NeuralODEs, Equ. 15. https://arxiv.org/abs/2302.10892
+"""
 
 from eigenode_cli.jit import njit
 from eigenode_cli.terms.errors import error_slope, error_value

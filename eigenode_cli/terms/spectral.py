@@ -2,14 +2,17 @@
 
 from eigenode_cli.jit import njit
 from eigenode_cli.spectra.pairs import find_partners, match_targets
+from eigenode_cli.terms import NAMES
+from eigenode_cli.terms.comparison import Comparison
 from eigenode_cli.terms.dmp import dmp
 from eigenode_cli.terms.frq import frq
 from eigenode_cli.terms.osc import osc
 from eigenode_cli.terms.stb import stb
-from eigenode_cli.terms.stf import has_ratio, stf
+from eigenode_cli.terms.stf import stf
 
-SOL, FRQ, DMP, STB, OSC, STF = range(6)
-"""Codes of the terms; their order is the canonical one."""
+SOL, FRQ, DMP, STB, OSC, STF = (NAMES.index(name) for name in ("sol", "frq", "dmp", "stb", "osc", "stf"))
+"""Codes of the terms: their places in the registry."""
+COUNT = len(NAMES)
 
 
 @njit
@@ -43,7 +46,7 @@ def spectral_terms(
         pairs: number of pairs of the target `(T,)`.
         stiffness: corridor of the stiffness ratio `(T, 2)`.
         margin: stability margin in 1/s.
-        errors: error function of each of the six terms `(6,)`; `delta` is Huber's threshold.
+        errors: error function of each term of the registry `(len(NAMES),)`; `delta` is Huber's threshold.
         values: filled with the terms `(L,)`.
         slopes: filled with `dl/dRe + i dl/dIm` `(L, T, n)`.
         compared: filled with the number of spectra at which each term had something to compare `(L,)`.
@@ -62,11 +65,11 @@ def spectral_terms(
         counted += 1
         find_partners(spectrum, level, partner)
         matched = match_targets(spectrum, partner, frequency[t], damping[t], match)
-        goal = frequency[t], damping[t], pairs[t], stiffness[t]
+        comparison = Comparison(
+            spectrum, level, partner, match, matched, frequency[t], damping[t], pairs[t], stiffness[t], margin
+        )
         for k in range(codes.size):
-            value, defined = _term(
-                codes[k], spectrum, level, partner, match, matched, goal, margin, errors, delta, slopes[k, t]
-            )
+            value, defined = _term(codes[k], comparison, errors[codes[k]], delta, slopes[k, t])
             values[k] += value
             compared[k] += int(defined)
     if counted > 0:
@@ -76,19 +79,18 @@ def spectral_terms(
 
 
 @njit
-def _term(code, spectrum, level, partner, match, matched, goal, margin, errors, delta, slope):
-    """Value of one term at one spectrum, and whether it has something to compare there; fills `slope (n,)`."""
-    frequency, damping, pairs, stiffness = goal
+def _term(code, comparison, error, delta, slope):
+    """Evaluate one term at one spectrum; see `Comparison`."""
     if code == FRQ:
-        return frq(spectrum, match, frequency, errors[FRQ], delta, slope), matched > 0
+        return frq(comparison, error, delta, slope)
     if code == DMP:
-        return dmp(spectrum, match, damping, errors[DMP], delta, slope), matched > 0
+        return dmp(comparison, error, delta, slope)
     if code == STB:
-        return stb(spectrum, margin, errors[STB], delta, slope), True
+        return stb(comparison, error, delta, slope)
     if code == OSC:
-        return osc(spectrum, partner, pairs, errors[OSC], delta, slope), pairs > 0
+        return osc(comparison, error, delta, slope)
     if code == STF:
-        return stf(spectrum, level, stiffness, errors[STF], delta, slope), has_ratio(spectrum, level, stiffness)
+        return stf(comparison, error, delta, slope)
     return 0.0, False
 
 

@@ -62,7 +62,7 @@ def spectral_values(
     levels: np.ndarray | None = None,
     recorded: bool = False,
 ) -> Tensor:
-    """The named spectral terms `(L,)` of `spectra (T, n)` in 1/s; arguments as in `spectral_terms`.
+    """Return the named spectral terms `(L,)` of `spectra (T, n)` in 1/s; arguments as in `spectral_terms`.
 
     Args:
         levels: rounding levels `(T,)` in 1/s; None for spectra that are exact.

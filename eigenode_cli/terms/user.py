@@ -70,13 +70,13 @@ class UserTerm:
 
 
 def described(error: Exception) -> str:
-    """An exception of the user's code in one line."""
+    """Return an exception of the user's code in one line."""
     lines = str(error).splitlines()
     return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
 
 
 def value_fault(value: Any) -> str | None:
-    """What keeps `value` from being that of a term, or None."""
+    """Return what keeps `value` from being that of a term, or None."""
     if not isinstance(value, Tensor):
         return f"returns {'None' if value is None else f'a {type(value).__name__}'}; it must return a torch tensor"
     if value.shape != ():
@@ -87,7 +87,7 @@ def value_fault(value: Any) -> str | None:
 
 
 def user_term(function: Callable[..., Tensor], label: str = UserTerm.label) -> UserTerm:
-    """A user's function as a term.
+    """Return a user's function as a term.
 
     Raises:
         ValueError: it asks for something that there is not.
@@ -96,7 +96,7 @@ def user_term(function: Callable[..., Tensor], label: str = UserTerm.label) -> U
 
 
 def recorded_only(term: UserTerm, announce: Callable[[str], None]) -> UserTerm:
-    """A term that trains nothing: NaN where it fails, which is announced once, and without derivatives."""
+    """Return a term that trains nothing: NaN where it fails, which is announced once, and without derivatives."""
     silent = False
 
     def value_or_nan(**known: Any) -> Tensor:
@@ -115,7 +115,7 @@ def recorded_only(term: UserTerm, announce: Callable[[str], None]) -> UserTerm:
 def load_user_terms(
     paths: Mapping[str, str], trained: Sequence[str], announce: Callable[[str], None]
 ) -> dict[str, UserTerm]:
-    """The user's own terms, imported from their `module:function`, in the order of their names.
+    """Return the user's own terms, imported from their `module:function`, in the order of their names.
 
     Args:
         paths: by name.
@@ -141,7 +141,7 @@ def load_user_terms(
 
 
 def on_arrays(term: UserTerm, times: Floats, data: Floats, field: VectorField) -> ArrayTerm:
-    """A user's term from arrays to arrays, differentiated by autograd.
+    """Return a user's term from arrays to arrays, differentiated by autograd.
 
     Args:
         term: the term.

@@ -29,7 +29,7 @@ class Ending:
 
 
 def judge(first: float | None, last: float, failure: str | None, zero: float) -> Ending:
-    """The ending of a training that took all its steps: finished or diverged.
+    """Return the ending of a training that took all its steps: finished or diverged.
 
     A field that can be solved neither at the start nor at the end has not diverged: it was wrong from the beginning.
 

@@ -17,6 +17,7 @@ from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.base import Engine, ResidualJacobian
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.solve.status import Status
+from eigenode_cli.terms import TERMS
 
 TRIALS = 12
 """Points that one step may try."""
@@ -278,14 +279,8 @@ def term_units(problem: Problem) -> dict[str, float]:
     ratio = corridors[np.isfinite(corridors)]
     hertz = _mean_square(frequency)
     angular = (2.0 * math.pi) ** 2 * hertz if frequency.size else 1.0
-    return {
-        "sol": _mean_square(values),
-        "frq": hertz,
-        "dmp": 1.0,
-        "stb": angular,
-        "osc": angular,
-        "stf": _mean_square(ratio),
-    }
+    units = {"data": _mean_square(values), "frequency": hertz, "angular": angular, "ratio": _mean_square(ratio)}
+    return {name: units.get(term.unit or "", 1.0) for name, term in TERMS.items()}
 
 
 def relative_scales(scales: Mapping[str, float], problem: Problem) -> dict[str, float]:

@@ -56,7 +56,7 @@ class Snapshot:
 
     @classmethod
     def take(cls, progress: Progress, theta: Floats, optimizer: dict[str, Floats], best: Floats | None) -> "Snapshot":
-        """A copy of these and of torch's random state."""
+        """Return a copy of these and of torch's random state."""
         arrays = {name: array.copy() for name, array in optimizer.items()}
         return cls(replace(progress), theta.copy(), arrays, torch.get_rng_state(), best)
 

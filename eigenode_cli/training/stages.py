@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.base import Engine
-from eigenode_cli.engines.composite import SPECTRAL, SplitEngine
+from eigenode_cli.engines.composite import SplitEngine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import trained_mask
+from eigenode_cli.terms import SPECTRAL
 
 
 @dataclass(frozen=True)

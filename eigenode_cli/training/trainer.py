@@ -191,7 +191,7 @@ class Trainer:
             self._solvable = self._committed
 
     def _learn(self, number: int, start: int, event: int) -> Status:
-        """Steps that the engine takes by itself; returns how the first solve ended."""
+        """Return steps that the engine takes by itself; returns how the first solve ended."""
         engine, options = self.phases[number].engine, self.options
         known, pace = self._pace
         steps = max(1, int(BREATH_SECONDS / pace)) if known == number and pace > 0.0 else 1
@@ -291,7 +291,7 @@ class Trainer:
         self.progress, self.best, self._objective = self._committed.progress, self._committed.best, None
 
     def _part(self, step: int) -> tuple[int, bool]:
-        """Number of the phase that a step belongs to, and whether it is an iteration on the whole function."""
+        """Return number of the phase that a step belongs to, and whether it is an iteration on the whole function."""
         return self._phase(step), step >= self._switch
 
     @property
@@ -300,14 +300,14 @@ class Trainer:
         return self.optimizer.switch if isinstance(self.optimizer, SearchOptimizer) else self.options.steps
 
     def _event_after(self, step: int) -> int:
-        """The next step before which something is written or changes; the first is one."""
+        """Return the next step before which something is written or changes; the first is one."""
         options = self.options
         periods = (options.record_every, options.checkpoint_every)
         ahead = [options.steps, self._switch, *(phase.first for phase in self.phases)]
         return min(event for event in (*ahead, *(step - step % k + k for k in periods)) if event > step)
 
     def _phase(self, step: int) -> int:
-        """Number of the phase that a step belongs to: by the step alone, so that resuming is safe."""
+        """Return number of the phase that a step belongs to: by the step alone, so that resuming is safe."""
         return max(number for number, phase in enumerate(self.phases) if phase.first <= step)
 
     def _note_status(self, status: Status, values: Floats) -> None:
@@ -383,7 +383,7 @@ class Trainer:
 
 
 def summary(row: dict[str, Any], progress: Progress) -> str:
-    """The result of a run in one line."""
+    """Return the result of a run in one line."""
     parts = [f"sol {row['sol']:.4g}", f"dense error {row['dense_error']:.4g}", f"max real {row['max_real']:.3g} 1/s"]
     if progress.unsolvable_steps:
         parts.append(f"{progress.unsolvable_steps} unsolvable steps")

@@ -175,7 +175,7 @@ def activate(code, size, z, slope):  # noqa: PLR0912  a loop for each activation
 
 @njit_fused
 def activate_twice(code, size, z, slope, curve):  # noqa: PLR0912  as above
-    """The same, and fill `curve (size,)` with the second derivative."""
+    """Do the same, and fill `curve (size,)` with the second derivative."""
     if code == TANH:
         for j in range(size):
             z[j], slope[j], curve[j] = _tanh_all(z[j])

@@ -71,7 +71,7 @@ def _take_one_by_one(core, count, rows, at, counted, vectors):
 
 @njit_inner
 def _state(core, trajectory, side, t):
-    """The state `(n,)` of spectrum t on a side."""
+    """Return the state `(n,)` of spectrum t on a side."""
     if side == 0:
         return shift(trajectory, integers(core.setup.indices, 0)[t] * core.net.n)
     return doubles(core.setup.references, t * core.net.n)

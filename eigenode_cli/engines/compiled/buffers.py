@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 from eigenode_cli.arrays import Floats, Integers
 from eigenode_cli.engines.compiled.algebra import BLOCK
+from eigenode_cli.engines.compiled.bars import Bars
 from eigenode_cli.engines.compiled.clusters import Cluster
 from eigenode_cli.engines.compiled.core import Core, Setup, Work
 from eigenode_cli.engines.compiled.debug_memory import label
-from eigenode_cli.engines.compiled.integrate import Method, Steps
 from eigenode_cli.engines.compiled.jacobian import scratch_rows
 from eigenode_cli.engines.compiled.lapack import DGEBAL, DGEEV, ZGESVD, dgeev_space, zgesvd_space
 from eigenode_cli.engines.compiled.memory import LINE, address, aligned, whole_lines
 from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
-from eigenode_cli.engines.compiled.pullback import Bars
 from eigenode_cli.engines.compiled.spectrum import Eigen
+from eigenode_cli.engines.compiled.stepper import Method, Steps
 from eigenode_cli.engines.problem import REACH, Problem
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.tableau import TABLEAUS, Tableau
@@ -72,7 +72,7 @@ def term_codes(names: tuple[str, ...]) -> NDArray[np.int64]:
 
 
 def build_method(owner: Owner, tableau: Tableau, rtol: float, atol: float, max_steps: int) -> Method:
-    """The method of a tableau with its settings."""
+    """Return the method of a tableau with its settings."""
     return Method(
         stages=tableau.error.size,
         order=tableau.order,

@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
-from eigenode_cli.engines.compiled.integrate import Method
+from eigenode_cli.engines.compiled.bars import Bars
 from eigenode_cli.engines.compiled.mlp import Net
-from eigenode_cli.engines.compiled.pullback import Bars
 from eigenode_cli.engines.compiled.spectrum import Eigen
+from eigenode_cli.engines.compiled.stepper import Method
 
 STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED = range(6)
 """Entries of `Work.outcome`: how the solve ended, steps, outputs that were reached, spectra that the terms are taken

@@ -28,7 +28,7 @@ class Address(int):
     name: str
 
     def __new__(cls, array: NDArray) -> "Address":
-        """The address of an array; ValueError where it is not contiguous."""
+        """Return the address of an array; ValueError where it is not contiguous."""
         if not array.flags.c_contiguous:
             raise ValueError("kernels read contiguous arrays only")
         self = super().__new__(cls, array.ctypes.data)
@@ -88,7 +88,7 @@ class Pointer:
 
 
 def _pointer(dtype: DTypeLike) -> Callable[[int, int], Pointer]:
-    """A function that makes a pointer to element number `at` of the elements of `dtype` at an address."""
+    """Return a function that makes a pointer to element number `at` of the elements of `dtype` at an address."""
     wanted = np.dtype(dtype)
 
     def pointer(address: int, at: int) -> Pointer:
@@ -129,12 +129,12 @@ def carray(pointer: Pointer, shape: tuple[int, ...]) -> NDArray:
 
 
 def bits_of(number: float) -> int:
-    """The bits of a float64 as an int64."""
+    """Return the bits of a float64 as an int64."""
     return struct.unpack("<q", struct.pack("<d", number))[0]
 
 
 def float_of(bits: int) -> np.float64:
-    """The float64 of the lowest 64 bits of an integer: those above have overflowed."""
+    """Return the float64 of the lowest 64 bits of an integer: those above have overflowed."""
     return np.float64(struct.unpack("<d", struct.pack("<Q", bits & (2**64 - 1)))[0])
 
 

@@ -36,7 +36,7 @@ from eigenode_cli.engines.problem import Problem
 from eigenode_cli.engines.update import Update
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.times import checked_times
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import NAMES, SPECTRAL
 from eigenode_cli.terms.array_term import ArrayTerm
 
 SENSITIVITIES = ("auto", "adjoint", "forward")
@@ -79,7 +79,7 @@ class CompiledEngine:
         self._owner = Owner()
         self._method, self._step = solver_method(self._owner, problem.solver)
         self._codes = term_codes(problem.terms)
-        self._vectors = problem.terms != NAMES[:1]
+        self._vectors = not set(problem.terms).isdisjoint({*SPECTRAL, *self._own})
         self._core, self._shared = build_core(
             self._owner, shape, problem, self._method, len(problem.terms), len(self._own), self._forward_way
         )
@@ -261,7 +261,7 @@ class CompiledEngine:
         )
 
     def _run_split(self, given: Floats, values: Floats, gradients: Floats, states: Floats, spectra: Complexes) -> int:
-        """The same with the user's terms between forward kernel and pullback."""
+        """Return the same with the user's terms between forward kernel and pullback."""
         status = kernel.forward(self._core, self._room.steps, given, self._codes, True, values, states, spectra)
         if status == FULL:
             return status
@@ -287,7 +287,7 @@ class CompiledEngine:
         return Room(self._core.net, self._method, capacity, outputs, recorded=False)
 
     def _outputs(self) -> tuple[Floats, Complexes]:
-        """New arrays for a trajectory `(N, n)` and its spectra `(T, n)`."""
+        """Return new arrays for a trajectory `(N, n)` and its spectra `(T, n)`."""
         n = self._core.net.n
         return np.empty((self._times.size, n)), np.empty(self._spectra_shape, dtype=np.complex128)
 

@@ -1,13 +1,13 @@
-"""The solve: explicit Runge-Kutta steps with the controller of `solve.control`, recorded for the pullback."""
+"""The solve: steps of `stepper` with the controller of `solve.control`, recorded for the pullback."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from eigenode_cli.engines.compiled.algebra import all_finite, clear, combine, copy
+from eigenode_cli.engines.compiled.algebra import all_finite, clear, copy
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
 from eigenode_cli.engines.compiled.mlp import evaluate_field
+from eigenode_cli.engines.compiled.stepper import accept, attempt, interpolate
 from eigenode_cli.jit import njit_inner
 from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
@@ -15,53 +15,6 @@ from eigenode_cli.solve.status import Status
 OK, UNDERFLOW, MAX_STEPS, NON_FINITE, UNSOLVED = (int(status) for status in Status)
 FULL = -1
 """Not a status: there is no room to record another step, the caller makes some and starts again."""
-
-
-class Method(NamedTuple):
-    """A tableau and the controller's settings, as the kernels read them; arrays by their addresses.
-
-    Attributes:
-        stages, order: number of stages s, and order of the solution.
-        a, transposed: stage coefficients `(s, s)` and their transpose.
-        error, dense: weights `(s,)` and `(s, 4)`, as in `solve.tableau.Tableau`.
-        rtol, atol, max_steps: of the controller; not read where steps are given.
-    """
-
-    stages: int
-    order: int
-    a: int
-    transposed: int
-    error: int
-    dense: int
-    rtol: float
-    atol: float
-    max_steps: int
-
-
-class Steps(NamedTuple):
-    """Addresses of a record of the accepted steps and of the outputs in each.
-
-    Attributes:
-        capacity: steps that there is room for.
-        size: of each step in s `(capacity,)`.
-        record: what every evaluation left `(1 + (s - 1) capacity, width)`: stage j of step i is number i (s - 1) + j.
-        width: size of one record, or 0 to keep none: then there is room for one, which every evaluation overwrites.
-        output_step: index of the step that each output lies in `(N,)`, -1 for the initial state.
-        output_weights: `x(t) = x_i + h_i sum_j output_weights[o, j] k_j`, `(N, s)`.
-        k: derivatives at the stages of one step `(s, n)`.
-        x, trial, error: states of one step `(n,)`.
-    """
-
-    capacity: int
-    size: int
-    record: int
-    width: int
-    output_step: int
-    output_weights: int
-    k: int
-    x: int
-    trial: int
-    error: int
 
 
 @njit_inner
@@ -81,7 +34,6 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     """
     n = net.n
     x, first = doubles(steps.x, 0), doubles(steps.k, 0)
-    final = doubles(steps.k, (method.stages - 1) * n)
     known = _start(method, n, steps, start, count, times, states)
     evaluate_field(net, x, doubles(steps.record, 0), first)
     if not all_finite(n, first):
@@ -104,15 +56,14 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
             return status, accepted, rejected, reached
         if accepted == steps.capacity:
             return FULL, accepted, rejected, reached
-        ratio = _attempt(net, method, steps, h, accepted)
+        ratio = attempt(net, method, steps, h, accepted)
         if ratio <= 1.0 or (not adaptive and ratio < math.inf):
             after = end if ending else t + h
-            reached = _interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
+            reached = interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
             doubles(steps.size, 0)[accepted] = h
             accepted += 1
             t = after
-            copy(n, doubles(steps.trial, 0), x)
-            copy(n, final, first)
+            accept(n, method, steps)
         else:
             rejected += int(adaptive)  # a given step that fails ends the solve
         h = next_step(h, ratio, last_ratio, method.order)
@@ -147,49 +98,6 @@ def _stuck(method, t, h, attempts, ratio):
     if not h >= SMALLEST_STEP * max(abs(t), 1e-300) or t + h == t:
         return UNDERFLOW if ratio < math.inf else NON_FINITE
     return OK
-
-
-@njit_inner
-def _attempt(net, method, steps, h, step):
-    """One trial step of size `h`: fills stages 1 ... s-1, their records, and `steps.trial`.
-
-    Returns the error in units of the tolerance, infinite if the trial is not finite.
-    """
-    n, stages = net.n, method.stages
-    x, trial, error, k = doubles(steps.x, 0), doubles(steps.trial, 0), doubles(steps.error, 0), doubles(steps.k, 0)
-    for j in range(1, stages):
-        combine(n, j, x, h, doubles(method.a, j * stages), k, trial)
-        record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
-        evaluate_field(net, trial, record, shift(k, j * n))
-    clear(n, error)
-    combine(n, stages, error, h, doubles(method.error, 0), k, error)
-    # the last stage need not enter the estimate, and the error relative to an infinite state is finite
-    if not (all_finite(n, error) and all_finite(n, trial) and all_finite(n, shift(k, (stages - 1) * n))):
-        return math.inf
-    total = 0.0
-    for i in range(n):
-        part = error[i] / (method.atol + method.rtol * max(abs(x[i]), abs(trial[i])))
-        total += part * part
-    return np.sqrt(total / n)
-
-
-@njit_inner
-def _interpolate(n, method, steps, t, after, h, step, output, count, times, states):
-    """Fill `states` at all output times from number `output` on that lie in the step from `t` to `after`.
-
-    The weights that the pullback needs go to `steps`. Returns the number of the first output behind the step.
-    """
-    stages = method.stages
-    while output < count and times[output] <= after:
-        fraction = (times[output] - t) / h
-        weights = doubles(steps.output_weights, output * stages)
-        for j in range(stages):
-            d = doubles(method.dense, j * 4)
-            weights[j] = fraction * (d[0] + fraction * (d[1] + fraction * (d[2] + fraction * d[3])))
-        combine(n, stages, doubles(steps.x, 0), h, weights, doubles(steps.k, 0), shift(states, output * n))
-        integers(steps.output_step, 0)[output] = step
-        output += 1
-    return output
 
 
 @njit_inner

@@ -9,16 +9,17 @@ The user's own terms are evaluated between the two. Nothing is allocated but wha
 import math
 
 from eigenode_cli.engines.compiled.algebra import any_nonzero, clear, copy
+from eigenode_cli.engines.compiled.bars import gather_rows
 from eigenode_cli.engines.compiled.blocks import pull_back_spectra, take_block
 from eigenode_cli.engines.compiled.core import ACCEPTED, GUARDED, REACHED, REJECTED, SPECTRA, STATUS
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, integrate
 from eigenode_cli.engines.compiled.memory import booleans, carray, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import mirror_weights, unpack_gradient
-from eigenode_cli.engines.compiled.pullback import adjoint, forward_sensitivities, gather_rows
+from eigenode_cli.engines.compiled.pullback import adjoint, forward_sensitivities
 from eigenode_cli.engines.update import learn
 from eigenode_cli.jit import njit, njit_inner
 from eigenode_cli.terms.sol import sol
-from eigenode_cli.terms.spectral import SOL, spectral_terms
+from eigenode_cli.terms.spectral import COUNT, SOL, spectral_terms
 
 
 @njit
@@ -60,7 +61,7 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
 
 @njit_inner
 def _initial_state(core):
-    """The state that the solve starts from `(n,)`, its trained entries taken from theta."""
+    """Return the state `(n,)` that the solve starts from, its trained entries taken from theta."""
     start, unknown, count = doubles(core.setup.start, 0), integers(core.setup.unknown, 0), core.setup.unknown_count
     trained = doubles(core.net.theta, core.net.size - count)
     for i in range(count):
@@ -143,7 +144,7 @@ def _evaluate_terms(core, codes, values, states):
     setup, work, n = core.setup, core.work, core.net.n
     count, status = integers(work.outcome, 0)[SPECTRA], integers(work.outcome, 0)[STATUS]
     failed = status != OK
-    errors = carray(integers(setup.errors, 0), (6,))
+    errors = carray(integers(setup.errors, 0), (COUNT,))
     counted = spectral_terms(
         codes,
         carray(complexes(core.eigen.spectra, 0), (count, n)),
@@ -210,7 +211,7 @@ def pull_back(core, steps, codes, forward_way, values, gradients):
 
 @njit_inner
 def _open_channels(core, codes, values):
-    """Number the terms that have a slope anywhere, clear their sums and enter their slopes in the trajectory.
+    """Count the terms that have a slope anywhere, clear their sums and enter their slopes in the trajectory.
 
     Most terms of a field that is nearly right have none: no eigenvalue is unstable, none lacks its partner.
     """

@@ -29,7 +29,7 @@ LINE = 8
 
 
 def _pointer(dtype) -> Any:
-    """An intrinsic that makes a pointer to element number `at` of the elements of `dtype` at an address."""
+    """Return an intrinsic that makes a pointer to element number `at` of the elements of `dtype` at an address."""
 
     @intrinsic
     def pointer(typingctx, address, at):
@@ -108,12 +108,12 @@ float_of: Any = intrinsic(_float_of)
 
 
 def whole_lines(size: int) -> int:
-    """The size in doubles, rounded up to whole cache lines."""
+    """Return the size in doubles, rounded up to whole cache lines."""
     return -(-size // LINE) * LINE
 
 
 def aligned(size: int) -> NDArray[np.float64]:
-    """A vector `(size,)` of zeros that starts at a cache line: loads that straddle two lines take twice as long."""
+    """Return zeros `(size,)` that start at a cache line: loads that straddle two lines take twice as long."""
     room = np.zeros(size + LINE)
     skip = (-room.ctypes.data // 8) % LINE
     return room[skip : skip + size]

@@ -105,7 +105,7 @@ class Net(NamedTuple):
 
 
 def layer_table(shape: MlpShape, blocks: bool) -> NDArray[np.int64]:
-    """The layer table of a shape `(D + 1, COLUMNS)`.
+    """Return the layer table of a shape `(D + 1, COLUMNS)`.
 
     Args:
         shape: of the field.

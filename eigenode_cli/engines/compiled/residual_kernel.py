@@ -7,16 +7,16 @@ sensitivities: one Jacobian of the solution, carried along the recorded steps, g
 
 import math
 
-from eigenode_cli.engines.compiled.algebra import add_rows, all_finite, any_nonzero, clear, combine, copy
+from eigenode_cli.engines.compiled.algebra import add_rows, all_finite, any_nonzero, clear
 from eigenode_cli.engines.compiled.integrate import OK
 from eigenode_cli.engines.compiled.jacobian import pull_back_block, push_tangents
 from eigenode_cli.engines.compiled.kernel import forward
 from eigenode_cli.engines.compiled.memory import booleans, carray, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import unpack_gradient
-from eigenode_cli.engines.compiled.pullback import push_field, start_sensitivities
 from eigenode_cli.engines.compiled.spectrum import pull_back_closed_forms, pull_back_spectrum
+from eigenode_cli.engines.compiled.stepper import end_push, push_output, push_step, start_push
 from eigenode_cli.jit import njit, njit_inner
-from eigenode_cli.terms.spectral import SOL, spectral_terms
+from eigenode_cli.terms.spectral import COUNT, SOL, spectral_terms
 
 
 @njit
@@ -82,7 +82,7 @@ def _square(core, codes, term, t):
         carray(integers(setup.pairs, t), (1,)),
         carray(doubles(setup.stiffness, 2 * t), (1, 2)),
         setup.margin,
-        carray(integers(work.squares, 0), (6,)),
+        carray(integers(work.squares, 0), (COUNT,)),
         setup.delta,
         value,
         carray(complexes(work.slopes, at * n), (1, 1, n)),
@@ -97,29 +97,23 @@ def _square(core, codes, term, t):
 def _differentiate(core, steps, codes, residuals, jacobian):
     """Fill `jacobian (R, P)`: carry the solution Jacobian from step to step, and enter its rows at every output."""
     net, method, bars, setup = core.net, core.method, core.bars, core.setup
-    stages, length = method.stages, net.n * net.size
-    state, stage, k = doubles(bars.tangent_state, 0), doubles(bars.tangent_stage, 0), doubles(bars.tangent_k, 0)
-    here, output_step = doubles(bars.tangent_output, 0), integers(steps.output_step, 0)
-    start_sensitivities(net, bars, state)
+    state, here = doubles(bars.tangent_state, 0), doubles(bars.tangent_output, 0)
+    output_step = integers(steps.output_step, 0)
+    start_push(net, steps, bars)
     output, row, spectrum = 0, 0, 0
     while output < setup.outputs and output_step[output] < 0:
         row, spectrum = _enter_output(core, codes, output, row, spectrum, state, residuals, jacobian)
         output += 1
     if output == setup.outputs:
         return
-    push_field(net, doubles(steps.record, 0), bars, state, k)
     for step in range(output_step[setup.outputs - 1] + 1):
         h = doubles(steps.size, 0)[step]
-        for j in range(1, stages):
-            combine(length, j, state, h, doubles(method.a, j * stages), k, stage)
-            record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
-            push_field(net, record, bars, stage, shift(k, j * length))
+        push_step(net, method, steps, bars, step)
         while output < setup.outputs and output_step[output] == step:
-            combine(length, stages, state, h, doubles(steps.output_weights, output * stages), k, here)
+            push_output(net, method, steps, bars, h, output)
             row, spectrum = _enter_output(core, codes, output, row, spectrum, here, residuals, jacobian)
             output += 1
-        copy(length, stage, state)
-        copy(length, shift(k, (stages - 1) * length), k)
+        end_push(net, method, bars)
 
 
 @njit_inner

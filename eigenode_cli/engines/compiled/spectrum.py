@@ -192,7 +192,7 @@ def _refine_stiff(eigen, m, columns, count, rows, at, vectors):
 
 @njit_inner
 def _determinant(a, b, c, d):
-    """`a d - b c` with the rounding errors of both products added (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
+    """Return `a d - b c` with the rounding errors of both products added (Dekker, Numer. Math. 18, 1971, 224-242)."""
     return (a * d - b * c) + (_rounding_error(a, d) - _rounding_error(b, c))
 
 
@@ -206,7 +206,7 @@ def _rounding_error(x, y):
 
 @njit_inner
 def _power_of_two(size):
-    """The power of two at or below a modulus, and its inverse: with entries over it squares stay in range."""
+    """Return the power of two at or below a modulus, and its inverse: entries over it have squares in range."""
     exponent = bits_of(size) >> 52
     exponent = 1 if exponent < 1 else 2045 if exponent > 2045 else exponent
     return float_of(exponent << 52), float_of((2046 - exponent) << 52)
@@ -214,7 +214,7 @@ def _power_of_two(size):
 
 @njit_inner
 def _unpack_vectors(eigen, at, i):
-    """Unit vectors of eigenvalue i of matrix `at`."""
+    """Return the unit vectors of eigenvalue i of matrix `at`."""
     n, start = eigen.n, (at * eigen.n + i) * eigen.n
     left, right_real = complexes(eigen.left, start), doubles(eigen.right_real, start)
     right_imag, imag = doubles(eigen.right_imag, start), doubles(eigen.imag, 0)[i]
@@ -271,7 +271,7 @@ def pull_back_spectrum(eigen, at, m, slope, bar_a):
 
 @njit_sums
 def pull_back_closed_forms(eigen, at, count, m, slopes, columns, rows):
-    """The same of `count` matrices of two states from number `at` on, with `slopes (count, 2, 2)`.
+    """Do the same for `count` matrices of two states from number `at` on, with `slopes (count, 2, 2)`.
 
     The cotangents of each one go to its column of `rows (2 m, columns)`. Where there is no slope the derivatives count
     for nothing: they may be those of a matrix that is not finite.

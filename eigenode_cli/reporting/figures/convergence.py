@@ -1,4 +1,4 @@
-"""Convergence: the terms over the training steps, as in the paper's Fig. transconv1 to transconv3."""
+"""Convergence: the terms over the training steps, as in the paper's Fig. 3, 6 and 9."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -52,7 +52,7 @@ class Convergence:
 
 
 def convergence_numbers(run: Run) -> Convergence:
-    """The numbers of the figure."""
+    """Return the numbers of the figure."""
     metrics = run.metrics
     names = [name for name in metrics.terms if name == "sol" or name in run.grads]
     settings = run.settings
@@ -69,7 +69,7 @@ def convergence_numbers(run: Run) -> Convergence:
 def tenth_of_average(data: Series, error: str, delta: float) -> float:
     """SOL of a model whose error is everywhere a tenth of that of the average over the oscillation.
 
-    The average is the local minimum that the paper warns of (Fig. oscmin); it gives "solved" a scale that depends on
+    The average is the local minimum that the paper warns of (Fig. 1); it gives "solved" a scale that depends on
     the data alone.
 
     Args:
@@ -87,7 +87,7 @@ def tenth_of_average(data: Series, error: str, delta: float) -> float:
 
 
 def draw_convergence(numbers: Convergence) -> "Figure":
-    """The figure."""
+    """Return the figure."""
     figure = new_figure(3.4)
     ax = figure.subplots()
     looks = _looks(tuple(numbers.terms))
@@ -113,7 +113,7 @@ def draw_convergence(numbers: Convergence) -> "Figure":
 
 
 def _positive(values: Floats) -> Floats:
-    """A copy in which what a logarithmic axis cannot show is NaN."""
+    """Return a copy in which what a logarithmic axis cannot show is NaN."""
     return np.where(np.isfinite(values) & (values > 0.0), values, np.nan)
 
 

@@ -62,7 +62,7 @@ class EigenvalueNumbers:
 
 
 def eigenvalue_numbers(run: Run) -> EigenvalueNumbers:
-    """The numbers of the figure."""
+    """Return the numbers of the figure."""
     spectra = run.eigenvalues
     known = np.isfinite(spectra.values)
     order = np.argsort(spectra.times[known], kind="stable")
@@ -110,7 +110,7 @@ def _similar(values: Complexes) -> bool:
 
 
 def draw_eigenvalues(numbers: EigenvalueNumbers) -> "Figure":
-    """The figure."""
+    """Return the figure."""
     figure = new_figure(3.9)
     ax = figure.subplots()
     colormap = time_colormap()

@@ -46,7 +46,7 @@ class Phase:
 
 
 def phase_numbers(run: Run) -> Phase:
-    """The numbers of the figure, of the first two states."""
+    """Return the numbers of the figure, of the first two states."""
     solution = run.solution
     truth, model = solution.truth[:, :2], solution.model[:, :2]
     inside = int((~solution.beyond).sum())
@@ -62,7 +62,7 @@ def phase_numbers(run: Run) -> Phase:
 
 
 def draw_phase(numbers: Phase) -> "Figure":
-    """The figure."""
+    """Return the figure."""
     figure = new_figure(3.9)
     ax = figure.subplots()
     # curves that are traced many times would fill the gaps of a dashed line: here the truth lies broad underneath

@@ -26,7 +26,7 @@ class Plateau:
 
 
 def plateaus(steps: Floats, values: Floats, solved: float) -> list[Plateau]:
-    """The local minima of a loss, the longest stretch of each level, in order of the steps.
+    """Return the local minima of a loss, the longest stretch of each level, in order of the steps.
 
     A plateau lasts at least `LENGTH` of all steps and the loss changes over it by at most `CHANGE`. The level at which
     a run ends counts as well, as in the paper, where most runs end in a local minimum; but not a level at or below

@@ -1,4 +1,4 @@
-"""Solution: the model against the truth and the data over twice the training horizon (the paper's Fig. transsol1)."""
+"""Solution: the model against the truth and the data over twice the training horizon (the paper's Fig. 2)."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -66,7 +66,7 @@ class SolutionNumbers:
 
 
 def solution_numbers(run: Run) -> SolutionNumbers:
-    """The numbers of the figure."""
+    """Return the numbers of the figure."""
     solution, data = run.solution, run.data
     shown = [i for i in range(len(run.states)) if i == 0 or data.mask[:, i].any()]
     panels: list[Panel] = []
@@ -108,7 +108,7 @@ def error_limit(truth: Floats, error: Floats) -> float:
 
 
 def draw_solution(numbers: SolutionNumbers) -> "Figure":
-    """The figure: one panel a state, and the error of x1 below where only x1 is shown."""
+    """Return the figure: one panel a state, and the error of x1 below where only x1 is shown."""
     rows = len(numbers.panels) + (numbers.error is not None)
     ratios = [1.0] * len(numbers.panels) + [0.45] * (numbers.error is not None)
     figure = new_figure(1.0 + 2.0 * sum(ratios))

@@ -1,4 +1,4 @@
-"""Stability: the largest real part over the training steps, as in the paper's Fig. transstab1 and transstab2."""
+"""Stability: the largest real part over the training steps, as in the paper's Fig. 4 and 7."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -53,7 +53,7 @@ class Stability:
 
 
 def stability_numbers(run: Run) -> Stability:
-    """The numbers of the figure; the scale keeps the second half of the training readable beside a wild start."""
+    """Return what the figure shows; its scale keeps the second half readable beside a wild start."""
     metrics = run.metrics
     values = np.where(np.isfinite(metrics.max_real), metrics.max_real, np.nan)
     late = np.abs(values[values.size // 2 :])
@@ -67,7 +67,7 @@ def stability_numbers(run: Run) -> Stability:
 
 
 def draw_stability(numbers: Stability) -> "Figure":
-    """The figure."""
+    """Return the figure."""
     figure = new_figure()
     ax = figure.subplots()
     look = {"color": MODEL, "lw": 1.6}

@@ -157,7 +157,7 @@ def house_style() -> Iterator[None]:
 
 
 def new_figure(height: float | None = None) -> "Figure":
-    """An empty figure on the Agg canvas, of the style's width and a height in inches."""
+    """Return an empty figure on the Agg canvas, of the style's width and a height in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
@@ -177,37 +177,37 @@ def save(figure: "Figure", path: Path) -> None:
 
 
 def to_svg(figure: "Figure") -> bytes:
-    """The figure as a self-contained SVG, text as outlines."""
+    """Return the figure as a self-contained SVG, text as outlines."""
     buffer = BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
 
 
 def entry(text: str, **look: Any) -> "Line2D":
-    """A legend entry with the look of a line."""
+    """Return a legend entry with the look of a line."""
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
     return Line2D([], [], label=text, **look)
 
 
 def legend_above(ax: "Axes", entries: Sequence["Artist"], columns: int) -> None:
-    """The legend over the axes, outside of the data."""
+    """Draw the legend over the axes, outside of the data."""
     ax.legend(handles=list(entries), loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns)
 
 
 def mark_failed(ax: "Axes", steps: Floats) -> None:
-    """A tick on the horizontal axis at each step whose solve failed."""
+    """Draw a tick on the horizontal axis at each step whose solve failed."""
     height = np.full(steps.size, 0.012)
     ax.plot(steps, height, transform=ax.get_xaxis_transform(), clip_on=False, zorder=6, **FAILED_LOOK)
 
 
 def failed_entry(failed: int, records: int) -> "Line2D":
-    """The legend entry of `mark_failed` with the count."""
+    """Return the legend entry of `mark_failed` with the count."""
     return entry(f"failed solve ({failed} of {records} records)", **FAILED_LOOK)
 
 
 def step_axis(ax: "Axes", steps: Floats) -> None:
-    """The horizontal axis of a figure over training steps `(R,)`, also of a single record."""
+    """Set up the horizontal axis of a figure over training steps `(R,)`, also of a single record."""
     ax.set_xlabel("training step")
     if steps.size == 1:
         ax.set_xlim(steps[0] - 1.0, steps[0] + 1.0)
@@ -217,7 +217,7 @@ def step_axis(ax: "Axes", steps: Floats) -> None:
 
 
 def shade_unstable(ax: "Axes", axis: str) -> None:
-    """The unstable half of an axis, `x` or `y`, which holds real parts; its border black-dashed."""
+    """Shade the unstable half of an axis, `x` or `y`, which holds real parts; its border black-dashed."""
     from matplotlib.patches import Rectangle  # noqa: PLC0415
 
     low, high = ax.get_xlim() if axis == "x" else ax.get_ylim()
@@ -235,7 +235,7 @@ def isolated(values: Floats) -> Bools:
 
 
 def draw_line(ax: "Axes", x: Floats, y: Floats, zorder: float, **look: Any) -> None:
-    """A line that is broken at NaN, with a dot for a point that stands alone."""
+    """Draw a line that is broken at NaN, with a dot for a point that stands alone."""
     alone = isolated(y)
     ax.plot(x, y, zorder=zorder, **look)
     ax.plot(x[alone], y[alone], zorder=zorder, **{**look, "ls": "none", "marker": "o", "ms": 1.8 * look["lw"]})
@@ -247,7 +247,7 @@ def note(ax: "Axes", x: float, y: float, text: str, color: str) -> None:
 
 
 def warn(ax: "Axes", text: str) -> None:
-    """A remark across the middle of the axes that something is missing."""
+    """Write across the middle of the axes that something is missing."""
     box = {"facecolor": "white", "edgecolor": FAILED, "linewidth": 0.6, "boxstyle": "round,pad=0.4"}
     ax.text(
         0.5, 0.5, text, transform=ax.transAxes, color=FAILED, fontsize=9, ha="center", va="center", bbox=box, zorder=9

@@ -11,7 +11,7 @@ import pytest
 
 from eigenode_cli.engines.compiled import debug_memory as memory
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.engines.compiled.integrate import Steps
+from eigenode_cli.engines.compiled.stepper import Steps
 from eigenode_cli.terms import NAMES
 from tests.engines.compiled import oracle
 
