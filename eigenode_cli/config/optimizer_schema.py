@@ -61,6 +61,8 @@ class LeastSquaresConfig(AdamConfig):
     evidence: bool = MISSING
     """Whether the ridge follows the evidence of the data (MacKay 1992), which knows noise from signal, over the last
     horizon."""
+    evidence_ridge: float = option(above=0)
+    """Ridge that the evidence starts from: a large one leads to the simplest model that explains the data."""
 
 
 @dataclass

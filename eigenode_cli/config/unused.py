@@ -43,6 +43,10 @@ def _reason(config: DictConfig, key: str) -> str | None:
             "the learning rate is constant; schedule.extra=... lets it decay",
         ),
         (
+            key == "optimizer.evidence_ridge" and not config.optimizer.evidence,
+            "the ridge does not follow the evidence; write optimizer.evidence=true",
+        ),
+        (
             key == "network.scaling_from"
             and "max_abs" not in (config.network.get("input_scaling"), config.network.get("output_scaling")),
             "nothing is scaled; choose network.input_scaling=max_abs or network.output_scaling=max_abs",

@@ -23,8 +23,8 @@ TRIALS = 12
 """Points that one step may try."""
 LARGEST = 1e16
 """Damping from which on no lower point is to be found."""
-RIDGE = 7
-"""Where the ridge stands in the memory of an iteration."""
+RIDGE, EVIDENT = 7, 8
+"""Where the ridge stands in the memory of an iteration, and whether it follows the evidence by now."""
 CONVERGED, STUCK = 1.0, 2.0
 """How an iteration ends."""
 LARGEST_CUT = 3.0
@@ -187,12 +187,13 @@ class Iteration:
 
     Attributes:
         memory: all that the next step depends on besides the parameters: damping, its growth, how it has ended
-            (0 not yet), steps accepted and rejected so far, last gain ratio, norm of the gradient, ridge `(8,)`.
+            (0 not yet), steps accepted and rejected so far, last gain ratio, norm of the gradient, ridge, whether the
+            ridge follows the evidence by now `(9,)`.
     """
 
     def __init__(self, damping: float, tolerance: float, ridge: float = 0.0) -> None:
         self._first, self._tolerance = damping, tolerance
-        self.memory = np.zeros(8)
+        self.memory = np.zeros(9)
         self.memory[RIDGE] = ridge
         self.restart()
 

@@ -62,6 +62,8 @@ class LevenbergMarquardt(Adam):
             follows the evidence.
         evidence: whether the ridge follows the evidence (`LeastSquares.evidence_ridge`) in the last phase, from step to
             step. While the horizon grows nearly everything is noise to it.
+        evidence_ridge: ridge that it starts from there. The evidence has several maxima: from a small ridge it finds one
+            that takes noise for signal, from a large one it finds the simplest model.
         huber: residuals of SOL beyond this size count linearly; infinite for plain squares.
     """
 
@@ -70,6 +72,7 @@ class LevenbergMarquardt(Adam):
     tolerance: float = 1e-4
     ridge: float = 0.0
     evidence: bool = False
+    evidence_ridge: float = 1e-3
     huber: float = math.inf
 
 

@@ -17,7 +17,7 @@ from eigenode_cli.engines.combine import combine
 from eigenode_cli.engines.first_order import ADAM, SGD, take_update
 from eigenode_cli.engines.update import Update, learn
 from eigenode_cli.training.bfgs import Bfgs, Lbfgs
-from eigenode_cli.training.least_squares import RIDGE, Iteration, LeastSquares
+from eigenode_cli.training.least_squares import EVIDENT, RIDGE, Iteration, LeastSquares
 from eigenode_cli.training.methods import Adam, AdamBfgs, LevenbergMarquardt, Method, OwnMethod, Sgd
 from eigenode_cli.training.schedules import Schedule
 from eigenode_cli.training.total_loss import Objective
@@ -199,11 +199,14 @@ class LeastSquaresOptimizer(SearchOptimizer):
 
     def search(self, theta: Floats, objective: LeastSquares, update: Update, step: int) -> None:
         """See `SearchOptimizer.search`."""
+        memory = self.iteration.memory
+        if objective.evidence and not memory[EVIDENT]:
+            memory[RIDGE], memory[EVIDENT] = self._constants.evidence_ridge, 1.0
         objective.ridge = self.iteration.ridge
         here = objective.at(theta)
         if math.isfinite(here.value):
             if objective.evidence and not self.iteration.ended:
-                self.iteration.memory[RIDGE] = objective.evidence_ridge(theta)
+                memory[RIDGE] = objective.evidence_ridge(theta)
             self.iteration.step(theta, here, objective.value)
         else:
             self.restart()
