@@ -11,7 +11,7 @@ import json
 import os
 import sys
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -86,7 +86,7 @@ def main() -> None:
     for case in args.cases:
         start = perf_counter()
         runs = [run(case, seed, args.words) for seed in range(FIRST_SEED, FIRST_SEED + args.seeds)]
-        table[case] = {**summary(runs), "runs": [asdict(one) for one in runs]}
+        table[case] = {**summary(runs), "errors": [float(f"{one.error:.3g}") for one in runs]}
         print(f"{case}: {line(table[case])} ({perf_counter() - start:.0f} s)", flush=True)
         if args.output:
             head = {

@@ -19,4 +19,4 @@ def test_the_notebook_runs(tmp_path: Path) -> None:
     images = [output for output in outputs if "image/png" in output.get("data", {})]
     assert len(images) == 5
     assert "'finished'" in outputs[0].data["text/plain"]
-    assert len(list(tmp_path.glob("outputs/*/run.json"))) == 1
+    assert len(list(tmp_path.glob("outputs/*/run.json"))) == 2

@@ -48,7 +48,7 @@ OURS = {
 """Settings of Hydra that `train.yaml` makes."""
 COMMAND_LINE = "command-line"
 """Provider of the configs in `--config-dir`."""
-DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine")
+DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine", "protocol_optimizer")
 """Groups that a protocol chooses from, not the user."""
 
 

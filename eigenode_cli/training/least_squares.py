@@ -8,6 +8,7 @@ One damping for all parameters works.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +34,14 @@ LARGEST_CUT = 3.0
 
 @dataclass(frozen=True)
 class Squares:
-    """The sum of squares at some parameters.
+    """The sum of squares at some parameters, `|J x + r|^2` for a small change x of them, plus a ridge.
 
     Attributes:
         value: infinite where the solve fails.
-        gradient: half of its gradient, `J^T r (P,)`; zero for parameters that are held.
-        normal: `J^T J (P, P)`.
+        gradient: half of its gradient, `J^T r` and that of the ridge `(P,)`; zero for parameters that are held.
+        residuals: r `(R,)`; jacobian: J `(R, P)`.
+        ridge: of each parameter `(P,)`.
+        offset: half of the ridge's gradient `(P,)`.
         status: how the solve ended.
         values: of the named terms `(L,)`.
         guard_count: 0: no guard is counted in residuals.
@@ -46,21 +49,54 @@ class Squares:
 
     value: float
     gradient: Floats
-    normal: Floats
+    residuals: Floats
+    jacobian: Floats
+    ridge: Floats
+    offset: Floats
     status: Status
     values: Floats
     guard_count: int = 0
 
+    @property
+    def curvature(self) -> Floats:
+        """Diagonal of the Gauss-Newton matrix `J^T J` with the ridge `(P,)`."""
+        return np.einsum("rp,rp->p", self.jacobian, self.jacobian) + self.ridge
+
+    @cached_property
+    def _normal(self) -> Floats:
+        matrix = self.jacobian.T @ self.jacobian
+        matrix[np.diag_indices_from(matrix)] += self.ridge
+        return matrix
+
+    def change(self, damping: float) -> Floats | None:
+        """Return x that solves `(J^T J + ridge + damping I) x = -gradient`; None where rounding prevents it.
+
+        Where there are fewer residuals than parameters a system of as many unknowns as residuals says the same
+        (the matrix inversion lemma): `x = y - D J^T (I + J D J^T)^-1 (r + J y)`, with the inverse D of the diagonal
+        and `y = -D offset`.
+        """
+        rows, size = self.jacobian.shape
+        if rows >= size:
+            matrix = self._normal + 0.0
+            matrix[np.diag_indices_from(matrix)] += damping
+            found = _solved(matrix, self.gradient)
+            return None if found is None else -found
+        inverse = 1.0 / (self.ridge + damping)
+        scaled, first = self.jacobian * inverse, -inverse * self.offset
+        matrix = scaled @ self.jacobian.T
+        matrix[np.diag_indices_from(matrix)] += 1.0
+        found = _solved(matrix, self.residuals + self.jacobian @ first)
+        return None if found is None else first - scaled.T @ found
+
 
 @dataclass(frozen=True)
 class _Point:
-    """Weighted residuals `(R,)`, their Jacobian `(R, P)`, and the residual Jacobian that they come from."""
+    """Weighted residuals as summed and as linearised `(R,)`, their Jacobian `(R, P)`, and what they come from."""
 
     theta: Floats
     residuals: Floats
+    linear: Floats
     jacobian: Floats
-    gradient: Floats
-    normal: Floats
     found: ResidualJacobian
 
 
@@ -97,15 +133,16 @@ class LeastSquares:
     def at(self, theta: Floats) -> Squares:
         """Return value and derivatives at `theta (P,)`; the residual Jacobian of the last point is remembered."""
         point = self._point(theta)
-        gradient, normal = point.gradient, point.normal
+        ridge = np.zeros(theta.size)
         if self.ridge > 0.0 and self._penalised is not None:
-            gradient, normal, held = gradient.copy(), normal.copy(), np.flatnonzero(self._penalised)
-            gradient[held] += self.ridge * theta[held]
-            normal[held, held] += self.ridge
+            ridge[self._penalised] = self.ridge
+        offset = ridge * theta
+        gradient = point.jacobian.T @ point.linear + offset
         value = self._sum(point.found.status, point.residuals, theta)
-        if not (np.isfinite(gradient).all() and np.isfinite(normal).all()):
+        if not (np.isfinite(gradient).all() and np.isfinite(point.jacobian).all()):
             value = math.inf
-        return Squares(value, gradient, normal, point.found.status, point.found.values)
+        found = point.found
+        return Squares(value, gradient, point.linear, point.jacobian, ridge, offset, found.status, found.values)
 
     def value(self, theta: Floats) -> float:
         """Return the value alone at `theta (P,)`, infinite where the solve fails."""
@@ -143,8 +180,7 @@ class LeastSquares:
             jacobian = weights[:, None] * found.jacobian
             if self._trained is not None:
                 jacobian[:, ~self._trained] = 0.0
-            gradient = jacobian.T @ (weights * found.residuals)
-            self._last = _Point(theta.copy(), residuals, jacobian, gradient, jacobian.T @ jacobian, found)
+            self._last = _Point(theta.copy(), residuals, weights * found.residuals, jacobian, found)
         return self._last
 
     def _weighted(self, found: ResidualJacobian) -> tuple[Floats, Floats]:
@@ -231,7 +267,7 @@ class Iteration:
         """
         memory, size = self.memory, float(np.linalg.norm(here.gradient))
         memory[6] = size
-        mean = float(np.trace(here.normal)) / theta.size
+        mean = float(here.curvature.mean())
         if self.ended:
             return
         if size == 0.0 or mean == 0.0:
@@ -239,7 +275,7 @@ class Iteration:
             return
         for _ in range(TRIALS):
             damping = memory[0] * mean
-            change = _damped(here.normal, damping, here.gradient)
+            change = here.change(damping)
             expected = 0.0 if change is None else float(damping * (change @ change) - here.gradient @ change)
             reached = math.inf if change is None else value(theta + change)
             if change is not None and reached < here.value and expected > 0.0:
@@ -295,12 +331,10 @@ def _mean_square(values: Floats) -> float:
     return size if size > 0.0 else 1.0
 
 
-def _damped(normal: Floats, damping: float, gradient: Floats) -> Floats | None:
-    """Solve `(normal + damping I) x = -gradient`; None where rounding leaves the matrix indefinite."""
-    matrix = normal + 0.0
-    matrix[np.diag_indices_from(matrix)] += damping
+def _solved(matrix: Floats, right: Floats) -> Floats | None:
+    """Solve `matrix x = right` of a positive definite matrix; None where rounding leaves it indefinite."""
     try:
         factor = cho_factor(matrix, overwrite_a=True, check_finite=False)
     except LinAlgError:
         return None
-    return -cho_solve(factor, gradient, check_finite=False)
+    return cho_solve(factor, right, check_finite=False)

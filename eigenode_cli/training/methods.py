@@ -62,8 +62,8 @@ class LevenbergMarquardt(Adam):
             follows the evidence.
         evidence: whether the ridge follows the evidence (`LeastSquares.evidence_ridge`) in the last phase, from step to
             step. While the horizon grows nearly everything is noise to it.
-        evidence_ridge: ridge that it starts from there. The evidence has several maxima: from a small ridge it finds one
-            that takes noise for signal, from a large one it finds the simplest model.
+        evidence_ridge: ridge that it starts from there. The evidence has several maxima: from a small ridge it finds
+            one that takes noise for signal, from a large one the simplest model.
         huber: residuals of SOL beyond this size count linearly; infinite for plain squares.
     """
 

@@ -65,7 +65,7 @@ def test_gradient_and_matrix_are_those_of_the_sum() -> None:
         slope = (squares.value(theta + step) - squares.value(theta - step)) / 2e-6
         assert 2.0 * here.gradient[i] == pytest.approx(slope, rel=1e-6, abs=1e-8)
         curved = (squares.value(theta + step * 1e3) - 2 * here.value + squares.value(theta - step * 1e3)) / 1e-6
-        assert 2.0 * here.normal[i, i] == pytest.approx(curved, rel=1e-5)
+        assert 2.0 * here.curvature[i] == pytest.approx(curved, rel=1e-5)
 
 
 def test_the_slope_of_huber_is_that_of_its_value() -> None:
@@ -127,3 +127,17 @@ def test_units_are_those_of_data_and_targets() -> None:
     assert units["stb"] == pytest.approx((2.0 * np.pi * frequency) ** 2)
     assert units["sol"] == pytest.approx(np.nanmean(case.problem().data.values ** 2))
     assert units["dmp"] == units["stf"] == 1.0
+
+
+@pytest.mark.parametrize("rows", [3, 40])
+def test_a_step_solves_the_damped_normal_equations_whichever_way(rows: int) -> None:
+    matrix, right, theta = RANDOM.normal(size=(rows, 12)), RANDOM.normal(size=rows), RANDOM.normal(size=12)
+    penalised = np.arange(12) < 7
+    function = LeastSquares(Linear(matrix, right), np.ones(2), penalised=penalised)  # type: ignore[arg-type]
+    function.ridge = 0.3
+    here = function.at(theta)
+    change = here.change(0.05)
+    assert change is not None
+    weighted = matrix / np.sqrt(rows)
+    normal = weighted.T @ weighted + np.diag(0.3 * penalised + 0.05)
+    np.testing.assert_allclose(normal @ change, -here.gradient, rtol=1e-9, atol=1e-12)
