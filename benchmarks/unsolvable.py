@@ -45,13 +45,13 @@ def main() -> None:
     parser.add_argument("--output", type=Path)
     args = parser.parse_args()
     rows = []
-    for system, init, width in product(SYSTEMS, INITS, WIDTHS):
-        counts = {name: unsolvable(system, init, width, words, args.seeds) for name, words in STARTS.items()}
-        rows.append({"system": system, "init": init, "width": width, **counts})
-    header = ("system", "init", "width", *(f"{name} start" for name in STARTS))
-    show_table(
-        header, [[str(cell) for cell in row.values()] for row in rows], f"unsolvable of {args.seeds}", header[2:]
-    )
+    for system, network, width in product(SYSTEMS, NETWORKS, WIDTHS):
+        words = (f"system={system}", f"system.observed=[{STATES[system]}]", *NETWORKS[network])
+        counts = {name: unsolvable((*words, *start), width, args.seeds) for name, start in STARTS.items()}
+        rows.append({"system": system, "network": network, "width": width, **counts})
+    header = ("system", "network", "width", *(f"{name} start" for name in STARTS))
+    cells = [[str(cell) for cell in row.values()] for row in rows]
+    show_table(header, cells, f"unsolvable of {args.seeds}", header[2:])
     if args.output:
         command = " ".join(["python", "benchmarks/unsolvable.py", *sys.argv[1:]])
         content = {"command": command, "version": en.__version__, "seeds": args.seeds, "unsolvable": rows}

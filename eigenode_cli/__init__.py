@@ -22,6 +22,7 @@ PUBLIC = {
     **dict.fromkeys(("Adam", "AdamBfgs", "LevenbergMarquardt", "OwnMethod", "Sgd"), "training.methods"),
     **dict.fromkeys(("Schedule", "Exponential", "Cosine", "Plateau"), "training.schedules"),
     **dict.fromkeys(("Tableau", "explicit"), "solve.tableau"),
+    **dict.fromkeys(("TERMS", "Term"), "terms"),
     **dict.fromkeys(("Stage",), "training.stages"),
     **dict.fromkeys(("AdaptiveSolver", "FixedStepSolver"), "solve.settings"),
     **dict.fromkeys(("eig", "eigvals"), "spectra.eig"),

@@ -205,7 +205,7 @@ def load_run(run: str | os.PathLike[str]) -> RecordedRun:
         settings = record.get("config")
         if not isinstance(settings, dict):
             raise RecordError(f"{RUN}: config is missing")
-        return RecordedRun(folder, record, restore(settings))
+        return RecordedRun(folder, record, restore(settings, record.get("schemas")))
 
 
 def train(

@@ -19,8 +19,9 @@ from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
 from eigenode_cli.batch.resumption import check_saved
+from eigenode_cli.batch.stability import not_stable, stability
 from eigenode_cli.config.build import build_method, build_options, build_schedule, combination
-from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 from eigenode_cli.config.setup import Setup, build
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.engines.base import unheard
@@ -181,7 +182,9 @@ def _train(
     load_flat(setup.field, theta)
     write_solution(folder, setup.truth, setup.engine, theta, config.system.horizon)
     write_eigenvalues(folder, setup.field, setup.engine, theta, setup.problem, setup.target)
-    record |= {"final": last, "summary": summary(last, trainer.progress)}
+    record |= {"final": last, "summary": summary(last, trainer.progress), "stability": stability(setup, theta)}
+    if (said := not_stable(setup, record["stability"])) is not None:
+        shown.say(said)
     return trainer.ending
 
 
@@ -221,6 +224,7 @@ def _identity(config: TrainConfig) -> dict[str, Any]:
         "seed": config.seed,
         "grads": "+".join(canonical(split_grads(config.grads))),
         "config": OmegaConf.to_container(OmegaConf.structured(config), resolve=True),
+        "schemas": {group: type(getattr(config, group)).__name__ for group in SCHEMAS},
         "command": "",
         "versions": {"eigenode": __version__, "python": sys.version.split()[0], **_versions()},
         "git_commit": _git_commit(),

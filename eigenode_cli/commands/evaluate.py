@@ -26,7 +26,7 @@ def evaluate(args: argparse.Namespace) -> int:
         raise UserError(f"--points {args.points}: must be at least 2")
     run = load_run(args.run)
     own = [f"system.{name}" for name in run.record["config"]["system"] if name not in ("name", "target")]
-    config = restore(with_changes(run.record["config"], args.words, own))
+    config = restore(with_changes(run.record["config"], args.words, own), run.record.get("schemas"))
     start = list(config.system.initial_state)
     given = any(word.startswith("system.initial_state=") for word in args.words)
     try:

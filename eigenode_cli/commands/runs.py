@@ -36,7 +36,7 @@ def resume(args: argparse.Namespace) -> int:
 
         with importable(*([args.config_dir] if args.config_dir else dirs)):
             settings = with_changes(record.mapping("config"), args.words, MAY_CHANGE)
-            config = restore(settings)
+            config = restore(settings, previous.get("schemas"))
             if status == FINISHED and not previous.get("stopped") and config.trainer.steps <= previous["steps"]:
                 raise UserError(
                     f"trainer.steps={config.trainer.steps}: the run has done {previous['steps']}; give more of them"

@@ -1,7 +1,7 @@
 """A configuration as a run reads it: composed, checked and finalised, or restored from a run's record."""
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -68,14 +68,18 @@ def with_changes(record: dict[str, Any], words: Sequence[str], allowed: Sequence
     return cast(dict[str, Any], OmegaConf.to_container(config))
 
 
-def restore(record: dict[str, Any]) -> TrainConfig:
+def restore(record: dict[str, Any], schemas: Mapping[str, str] | None = None) -> TrainConfig:
     """Return the configuration that a run's `run.json` holds, checked as that of a command is.
+
+    Args:
+        record: the settings.
+        schemas: class of the schema of each group, so that two choices may have the same options.
 
     Raises:
         RecordError: with all faults; or it was written by another version of the schema.
     """
     try:
-        config = structured(OmegaConf.create(record))
+        config = structured(OmegaConf.create(record), schemas)
         OmegaConf.resolve(config)
         faults = [*typify(config), *value_faults(config)]
     except (OmegaConfBaseException, ValueError) as error:

@@ -15,11 +15,12 @@ Composed = make_dataclass(
 """`TrainConfig` as Hydra composes it: the options of a user's class are not known yet (`plugins.typify`)."""
 
 
-def structured(config: DictConfig) -> DictConfig:
+def structured(config: DictConfig, schemas: Mapping[str, str] | None = None) -> DictConfig:
     """Return the same settings with the types and checks of the schema; `hydra` stays as it is.
 
     The class of a group's node follows from its name; of a choice that is not shipped it is the one whose options are
-    most like those that are there. Nodes that name their class are left to `plugins.typify`.
+    most like those that are there, or the one that `schemas` names for the group. Nodes that name their class are left
+    to `plugins.typify`.
 
     Raises:
         OmegaConfBaseException: a setting that the schema does not have, or one of another type.
@@ -29,10 +30,11 @@ def structured(config: DictConfig) -> DictConfig:
     hydra = config._get_node("hydra") if "hydra" in config else None
     settings = OmegaConf.masked_copy(config, [str(key) for key in config if key != "hydra"])
     ground = OmegaConf.structured(Composed)
-    for group, schemas in SCHEMAS.items():
+    for group, known in SCHEMAS.items():
         node = settings._get_node(group) if group in settings else None
         if isinstance(node, DictConfig) and not node._is_none() and not (group in GROUPS and "target" in node):
-            schema = schemas.get(str(node.get("name"))) or _nearest(node, list(schemas.values()))
+            named = next((one for one in known.values() if one.__name__ == (schemas or {}).get(group)), None)
+            schema = named or known.get(str(node.get("name"))) or _nearest(node, list(known.values()))
             ground[group] = OmegaConf.structured(schema)
     merged = cast(DictConfig, OmegaConf.merge(ground, settings))
     if hydra is not None:

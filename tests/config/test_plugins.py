@@ -123,3 +123,17 @@ def test_a_class_that_cannot_be_used_is_one_line(target: str, fault: str) -> Non
         compose([f"system={target}", *DATA, "system.length=2"])
     assert len(caught.value.faults) == 1
     assert caught.value.faults[0].startswith(f"system.target={target}: {fault}")
+
+
+def test_choices_with_the_same_options_are_told_apart_by_their_schema() -> None:
+    from eigenode_cli.config.schema import SCHEMAS, CombineConfig, SequentialConfig  # noqa: PLC0415
+
+    config = compose(["combine=sum"])
+    record = {str(key): value for key, value in OmegaConf.to_container(config).items()}
+    record["combine"] = {"name": "mine", "repeat_last_update": False}
+    assert isinstance(restore(record).combine, SequentialConfig)
+    assert SequentialConfig.__mro__[1] is CombineConfig
+    record["solver"] = {"name": "mine", "rtol": 1e-3, "atol": 1e-6, "max_steps": 10}
+    names = {group: type(getattr(restore(record), group)).__name__ for group in SCHEMAS}
+    assert names["solver"] == "AdaptiveSolverConfig"
+    assert restore(record, names) == restore(record)
