@@ -69,29 +69,23 @@ def spectral_terms(
             spectrum, level, partner, match, matched, frequency[t], damping[t], pairs[t], stiffness[t], margin
         )
         for k in range(codes.size):
-            value, defined = _term(codes[k], comparison, errors[codes[k]], delta, slopes[k, t])
+            code, error, slope, value, defined = codes[k], errors[codes[k]], slopes[k, t], 0.0, False
+            if code == FRQ:
+                value, defined = frq(comparison, error, delta, slope)
+            elif code == DMP:
+                value, defined = dmp(comparison, error, delta, slope)
+            elif code == STB:
+                value, defined = stb(comparison, error, delta, slope)
+            elif code == OSC:
+                value, defined = osc(comparison, error, delta, slope)
+            elif code == STF:
+                value, defined = stf(comparison, error, delta, slope)
             values[k] += value
             compared[k] += int(defined)
     if counted > 0:
         values /= counted
         _divide(slopes, counted)
     return counted
-
-
-@njit
-def _term(code, comparison, error, delta, slope):
-    """Evaluate one term at one spectrum; see `Comparison`."""
-    if code == FRQ:
-        return frq(comparison, error, delta, slope)
-    if code == DMP:
-        return dmp(comparison, error, delta, slope)
-    if code == STB:
-        return stb(comparison, error, delta, slope)
-    if code == OSC:
-        return osc(comparison, error, delta, slope)
-    if code == STF:
-        return stf(comparison, error, delta, slope)
-    return 0.0, False
 
 
 @njit
