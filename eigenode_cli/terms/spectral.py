@@ -16,24 +16,8 @@ COUNT = len(NAMES)
 
 
 @njit
-def spectral_terms(
-    codes,
-    spectra,
-    levels,
-    frequency,
-    damping,
-    pairs,
-    stiffness,
-    margin,
-    errors,
-    delta,
-    values,
-    slopes,
-    compared,
-    partner,
-    match,
-):
-    """Mean over all spectra of each named spectral term, and its derivative in every eigenvalue.
+def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, values, slopes, compared, space):
+    """Fill the means over all spectra of the named spectral terms, and their derivatives in every eigenvalue.
 
     A spectrum that is not finite contributes nothing and is not counted. A term that has nothing to compare at any
     spectrum has the value and slopes zero; `compared` tells.
@@ -42,18 +26,18 @@ def spectral_terms(
         codes: terms to evaluate `(L,)`, each one of FRQ, DMP, STB, OSC, STF; others are left at zero.
         spectra: eigenvalues `(T, n)` in 1/s.
         levels: up to where a part of an eigenvalue counts as zero (`pairs.rounding_level`), in 1/s `(T,)`.
-        frequency, damping: targets `(T, K)` in Hz and 1, ascending in frequency, NaN behind the last.
-        pairs: number of pairs of the target `(T,)`.
-        stiffness: corridor of the stiffness ratio `(T, 2)`.
+        targets: frequencies and damping ratios `(T, K)` in Hz and 1, ascending in frequency, NaN behind; number
+            of pairs `(T,)`; corridor of the stiffness ratio `(T, 2)`.
         margin: stability margin in 1/s.
         errors: error function of each term of the registry `(len(NAMES),)`; `delta` is Huber's threshold.
         values: filled with the terms `(L,)`.
         slopes: filled with `dl/dRe + i dl/dIm` `(L, T, n)`.
         compared: filled with the number of spectra at which each term had something to compare `(L,)`.
-        partner, match: working space `(n,)`.
+        space: partner and match of each eigenvalue, working space `(n,)` each.
 
     Returns the number of spectra that counted.
     """
+    (frequency, damping, pairs, stiffness), (partner, match) = targets, space
     values[:] = 0.0
     slopes[:] = 0.0
     compared[:] = 0

@@ -78,18 +78,14 @@ def spectral_values(
         np.array([NAMES.index(term) for term in terms], dtype=np.int64),
         eigenvalues,
         np.zeros(count) if levels is None else levels,
-        targets.frequency,
-        targets.damping,
-        targets.pairs,
-        targets.stiffness,
+        (targets.frequency, targets.damping, targets.pairs, targets.stiffness),
         margin,
         errors,
         huber_delta,
         values,
         slopes,
         compared,
-        space[0],
-        space[1],
+        (space[0], space[1]),
     )
     if counted == 0:
         values[:] = np.nan

@@ -158,6 +158,8 @@ def test_a_failing_term_that_is_only_recorded_has_no_value(engine: str) -> None:
     said: list[str] = []
     setup = build(configured(engine, "broken", "sol"), said.append)
     theta, times = flat_parameters(setup.field), np.array([0.0, 1.0])
+    setup.engine.evaluate(theta, times)  # it may have to compile, and say so
+    said[:] = [line for line in said if not line.startswith("compiling")]
     values = [setup.engine.evaluate(theta, times).values for _ in range(2)]
     assert np.isnan([row[-1] for row in values]).all()
     assert np.isfinite(values[0][0])
@@ -169,4 +171,4 @@ def test_a_term_that_is_only_recorded_needs_no_derivative(engine: str) -> None:
     said: list[str] = []
     setup = build(configured(engine, "not_differentiable", "sol"), said.append)
     assert np.isfinite(setup.engine.evaluate(flat_parameters(setup.field), np.array([0.0, 1.0])).values[-1])
-    assert said == []
+    assert [line for line in said if not line.startswith("compiling")] == []

@@ -149,18 +149,19 @@ def _evaluate_terms(core, codes, values, states):
         codes,
         carray(complexes(core.eigen.spectra, 0), (count, n)),
         carray(doubles(core.eigen.levels, 0), (count,)),
-        carray(doubles(setup.frequency, 0), (count, setup.pair_count)),
-        carray(doubles(setup.damping, 0), (count, setup.pair_count)),
-        carray(integers(setup.pairs, 0), (count,)),
-        carray(doubles(setup.stiffness, 0), (count, 2)),
+        (
+            carray(doubles(setup.frequency, 0), (count, setup.pair_count)),
+            carray(doubles(setup.damping, 0), (count, setup.pair_count)),
+            carray(integers(setup.pairs, 0), (count,)),
+            carray(doubles(setup.stiffness, 0), (count, 2)),
+        ),
         setup.margin,
         errors,
         setup.delta,
         values,
         carray(complexes(work.slopes, 0), (codes.size, count, n)),
         carray(integers(work.compared, 0), (codes.size,)),
-        carray(integers(work.partner, 0), (n,)),
-        carray(integers(work.match, 0), (n,)),
+        (carray(integers(work.partner, 0), (n,)), carray(integers(work.match, 0), (n,))),
     )
     shape = (setup.outputs, n)
     data, mask = carray(doubles(setup.data, 0), shape), carray(booleans(setup.mask, 0), shape)

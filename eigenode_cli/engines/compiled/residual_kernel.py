@@ -77,18 +77,19 @@ def _square(core, codes, term, t):
         codes[term : term + 1],
         carray(complexes(core.eigen.spectra, t * n), (1, n)),
         carray(doubles(core.eigen.levels, t), (1,)),
-        carray(doubles(setup.frequency, t * k), (1, k)),
-        carray(doubles(setup.damping, t * k), (1, k)),
-        carray(integers(setup.pairs, t), (1,)),
-        carray(doubles(setup.stiffness, 2 * t), (1, 2)),
+        (
+            carray(doubles(setup.frequency, t * k), (1, k)),
+            carray(doubles(setup.damping, t * k), (1, k)),
+            carray(integers(setup.pairs, t), (1,)),
+            carray(doubles(setup.stiffness, 2 * t), (1, 2)),
+        ),
         setup.margin,
         carray(integers(work.squares, 0), (COUNT,)),
         setup.delta,
         value,
         carray(complexes(work.slopes, at * n), (1, 1, n)),
         carray(integers(work.compared, 0), (1,)),
-        carray(integers(work.partner, 0), (n,)),
-        carray(integers(work.match, 0), (n,)),
+        (carray(integers(work.partner, 0), (n,)), carray(integers(work.match, 0), (n,))),
     )
     return value[0]
 
