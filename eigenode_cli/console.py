@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -133,7 +133,7 @@ class BarCounter:
         columns = ("{task.description}", "{task.fields[text]}", "{task.fields[left]}")
         label_column, text_column, left_column = map(TextColumn, columns)
         self._progress = Progress(
-            *(label_column, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), left_column, text_column),
+            *(label_column, BarColumn(20), MofNCompleteColumn(), left_column, text_column),
             console=Console(),
         )
         self._task = self._progress.add_task(label, total=total, completed=start, text="", left="")

@@ -162,6 +162,6 @@ def test_a_stopped_run_goes_on(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "run" / "run.json").read_text())["steps"] == 40
     status, _, err = inside(tmp_path, "resume", "run", "trainer.steps=30", "optimizer.lr=1")
     assert status == 2
-    assert "optimizer.lr=1: can't change in a run that goes on" in err
+    assert "optimizer.lr=1: can't change here" in err
     status, _, err = inside(tmp_path, "resume", "run", "trainer.steps=30")
     assert (status, err) == (2, "eigenode: error: trainer.steps=30: the run has done 40; give more of them\n")

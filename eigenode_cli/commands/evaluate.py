@@ -7,6 +7,9 @@ from pathlib import Path
 from eigenode_cli.console import number, show_table
 from eigenode_cli.errors import UserError
 
+MEASURED = ("name", "target", "points", "observed", "noise", "initial_known")
+"""Settings of a system that say what was measured of it, which is done."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
@@ -25,7 +28,7 @@ def evaluate(args: argparse.Namespace) -> int:
     if args.points < 2:
         raise UserError(f"--points {args.points}: must be at least 2")
     run = load_run(args.run)
-    own = [f"system.{name}" for name in run.record["config"]["system"] if name not in ("name", "target")]
+    own = [f"system.{name}" for name in run.record["config"]["system"] if name not in MEASURED]
     config = restore(with_changes(run.record["config"], args.words, own), run.record.get("schemas"))
     start = list(config.system.initial_state)
     given = any(word.startswith("system.initial_state=") for word in args.words)

@@ -58,7 +58,7 @@ def with_changes(record: dict[str, Any], words: Sequence[str], allowed: Sequence
         if not any(key == name or key.startswith(f"{name}.") for name in allowed):
             guess = nearest(key, allowed)
             hint = f", did you mean {guess}?" if guess else ";"
-            faults.append(f"{word}: can't change in a run that goes on{hint} what can: {', '.join(allowed)}")
+            faults.append(f"{word}: can't change here{hint} what can: {', '.join(allowed)}")
         elif override.is_sweep_override():
             faults.append(f"{word}: one value here")
         else:
