@@ -34,7 +34,7 @@ def structured(config: DictConfig, schemas: Mapping[str, str] | None = None) -> 
         node = settings._get_node(group) if group in settings else None
         if isinstance(node, DictConfig) and not node._is_none() and not (group in GROUPS and "target" in node):
             named = next((one for one in known.values() if one.__name__ == (schemas or {}).get(group)), None)
-            schema = named or known.get(str(node.get("name"))) or _nearest(node, list(known.values()))
+            schema = known.get(str(node.get("name"))) or named or _nearest(node, list(known.values()))
             ground[group] = OmegaConf.structured(schema)
     merged = cast(DictConfig, OmegaConf.merge(ground, settings))
     if hydra is not None:

@@ -46,19 +46,16 @@ def adjoint(net, method, steps, bars, channels, outputs):
     """Add the pullback of `bars.states` for N = `outputs` to `bars.packed` by the discrete adjoint."""
     q = channels * net.n
     output = _last_output(outputs, q, doubles(bars.states, 0))
-    if output == 0:
-        _add_first_outputs(net, steps, bars, channels, outputs)
-        return
-    start, carried = doubles(bars.start, 0), doubles(bars.carried, 0)
-    end = doubles(bars.stage_states, 0)
-    clear(q, carried)
-    clear(q, end)
-    for step in range(integers(steps.output_step, 0)[output], -1, -1):
-        output = _gather_outputs(net, method, steps, bars, channels, step, output)
-        pull_back_step(net, method, steps, bars, channels, step)
-    _add_initial_state(net, bars, channels, start)
-    pull_back_field(net, doubles(steps.record, 0), bars, channels, carried, end)
-    _add_initial_state(net, bars, channels, end)
+    if output > 0:
+        start, carried, end = doubles(bars.start, 0), doubles(bars.carried, 0), doubles(bars.stage_states, 0)
+        clear(q, carried)
+        clear(q, end)
+        for step in range(integers(steps.output_step, 0)[output], -1, -1):
+            output = _gather_outputs(net, method, steps, bars, channels, step, output)
+            pull_back_step(net, method, steps, bars, channels, step)
+        pull_back_field(net, doubles(steps.record, 0), bars, channels, carried, end)
+        add_scaled(q, 1.0, start, end)
+        _add_initial_state(net, bars, channels, end)
     _add_first_outputs(net, steps, bars, channels, outputs)
 
 
