@@ -98,9 +98,10 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _evaluate_arguments(parser: argparse.ArgumentParser) -> None:
-    from eigenode_cli.commands.evaluate import add_arguments  # noqa: PLC0415
-
-    add_arguments(parser)
+    _run_argument(parser)
+    parser.add_argument("words", metavar="KEY=VALUE", nargs="*", help="for example 'system.initial_state=[0.5,0]'")
+    parser.add_argument("--points", metavar="N", type=int, default=1001, help="equidistant times (1001)")
+    parser.add_argument("--output", metavar="FILE", help="write times, truth and model into a CSV file")
 
 
 def _evaluate(args: argparse.Namespace) -> int:

@@ -87,12 +87,11 @@ class _Memory:
         self, progress: Progress, lr: float, evaluation: Evaluation, monitored: Mapping[str, float]
     ) -> dict[str, Any]:
         """See `training.trainer.Recorder.describe`."""
-        real = evaluation.spectra.real
         row = {
             "step": progress.step,
             "lr": lr,
             **dict(zip(NAMES, evaluation.values.tolist(), strict=True)),
-            "max_real": float(np.nanmax(real)) if np.isfinite(real).any() else float("nan"),
+            "max_real": evaluation.max_real,
             "status": evaluation.status.label,
             **monitored,
         }

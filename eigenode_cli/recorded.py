@@ -23,8 +23,8 @@ from eigenode_cli.config.warm_start import empty_field, load_field
 from eigenode_cli.model import VectorField
 from eigenode_cli.reporting.figures import draw_figure, figures_of
 from eigenode_cli.runs.paths import claim_folder, importable, new_folder, run_folder
-from eigenode_cli.runs.reader import open_run
-from eigenode_cli.runs.runfile import RUN, RecordError, flags, read_record
+from eigenode_cli.runs.reader import Run, open_run
+from eigenode_cli.runs.runfile import RUN, RecordError, config_dirs, read_record
 from eigenode_cli.solve.settings import AdaptiveSolver
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.spectra.eig import eigvals
@@ -74,7 +74,17 @@ class RecordedRun:
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the states."""
-        return tuple(state.name for state in open_run(self.folder).states)
+        return tuple(state.name for state in self._run.states)
+
+    @cached_property
+    def _run(self) -> Run:
+        return open_run(self.folder)
+
+    @cached_property
+    def _model(self) -> tuple[VectorField, Floats | None]:
+        """The learned field with the weights of the result, and the trained entries of its initial state."""
+        field = empty_field(self.config)
+        return field, load_field(field, str(self.folder))
 
     @cached_property
     def metrics(self) -> pd.DataFrame:
@@ -115,7 +125,7 @@ class RecordedRun:
     def initial_state(self) -> Floats:
         """Return the state `(n,)` that the model starts from: what is known, and trained values of the rest."""
         start, known = np.array(self.config.system.initial_state), self.config.system.initial_known
-        trained = load_field(empty_field(self.config), str(self.folder))
+        trained = self._model[1]
         if known is not None and trained is not None:
             start[[name not in known for name in self.states]] = trained
         return start
@@ -137,13 +147,13 @@ class RecordedRun:
             )
         outputs = torch.from_numpy(np.array(times, dtype=np.float64))
         with torch.no_grad():
-            return solve(self.field(), torch.from_numpy(start), outputs, TIGHT).padded(outputs.numel())
+            return solve(self._model[0], torch.from_numpy(start), outputs, TIGHT).padded(outputs.numel())
 
     def spectra(self, states: Floats) -> Complexes:
         """Return the eigenvalues `(D, n)` in 1/s of the learned field at the states `(D, n)`; NaN where one is NaN."""
         known = np.isfinite(states).all(axis=1)
         values = np.full(states.shape, np.nan, dtype=np.complex128)
-        field = self.field()
+        field = self._model[0]
         method = "symbolic" if field.has_symbolic_jacobian else "autodiff"
         with torch.no_grad():
             values[known] = eigvals(jacobian(field, torch.from_numpy(states[known]), method))[0].numpy()
@@ -177,7 +187,7 @@ class RecordedRun:
     @property
     def figures(self) -> list[str]:
         """Names of the figures that can be drawn of it."""
-        return figures_of(open_run(self.folder))
+        return figures_of(self._run)
 
     def figure(self, name: str) -> "Figure":
         """Draw one of its `figures`.
@@ -188,7 +198,7 @@ class RecordedRun:
         """
         if name not in self.figures:
             raise ValueError(f"figure {name}: choose from {', '.join(self.figures)}")
-        return draw_figure(open_run(self.folder), name)
+        return draw_figure(self._run, name)
 
 
 def load_run(run: str | os.PathLike[str]) -> RecordedRun:
@@ -199,9 +209,7 @@ def load_run(run: str | os.PathLike[str]) -> RecordedRun:
     """
     folder = run_folder(os.fspath(run))
     record = read_record(folder)
-    words = flags(str(record.get("command", "")))
-    dirs = [word.partition("=")[2] for word in words if word.startswith("--config-dir=")]
-    with importable(".", *dirs):
+    with importable(".", *config_dirs(str(record.get("command", "")))):
         settings = record.get("config")
         if not isinstance(settings, dict):
             raise RecordError(f"{RUN}: config is missing")

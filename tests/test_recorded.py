@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from safetensors.numpy import load_file
 
 import eigenode_cli as en
@@ -74,8 +75,6 @@ def test_its_weights_at_a_step(run: en.RecordedRun) -> None:
 
 
 def test_its_figures_are_matplotlib_objects(run: en.RecordedRun) -> None:
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     for name in run.figures:
         assert isinstance(run.figure(name), Figure)
     with pytest.raises(ValueError, match="figure bode: choose from convergence, stability"):

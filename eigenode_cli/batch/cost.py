@@ -218,6 +218,6 @@ def _job_seconds(composer: Composer) -> float:
 
 
 def _idle(config: DictConfig) -> int:
-    """Return the work of a job up to its run."""
+    """Do the work of a job up to its run."""
     typed(finalise(config))
     return 0

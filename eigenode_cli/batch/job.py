@@ -57,7 +57,7 @@ def _settle() -> None:
 
 
 def contained(folder: Path, action: Callable[[], int]) -> int:
-    """Return what `action` returns; 1 if it raises, which then stands in error.txt: the other runs go on."""
+    """Return what `action()` returns; 1 if it raises, which then stands in error.txt: the other runs go on."""
     try:
         return action()
     except Exception:

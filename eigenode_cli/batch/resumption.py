@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
-
-from eigenode_cli.config.build import build_field, build_method
+from eigenode_cli.config.build import build_method
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.warm_start import empty_field
 from eigenode_cli.model import flat_parameters
 from eigenode_cli.runs.recorder import LAST, complete_rows, load_last, metrics_header
 from eigenode_cli.runs.runfile import RUN, RecordError
@@ -47,8 +46,7 @@ def check_saved(config: TrainConfig, folder: Path) -> None:
 
 
 def _parameters(config: TrainConfig) -> int:
-    """Return number of parameters P of the run."""
-    state = np.array([config.system.initial_state], dtype=np.float64)
+    """Return the number of parameters P of the run."""
     known = config.system.initial_known
-    unknown = 0 if known is None else state.size - len(known)
-    return flat_parameters(build_field(config.network, state, state, config.seed)).size + unknown
+    unknown = 0 if known is None else len(config.system.initial_state) - len(known)
+    return flat_parameters(empty_field(config)).size + unknown

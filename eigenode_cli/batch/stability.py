@@ -1,12 +1,15 @@
 """Whether a trained model is as stable as `stb` asks for: along its trajectory, and at its equilibrium."""
 
-import numpy as np
+import math
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.config.names import training_terms
 from eigenode_cli.config.setup import Setup
 from eigenode_cli.model import load_flat
 from eigenode_cli.spectra.equilibrium import equilibrium, spectrum_at
+
+WHERE = {"trajectory": "along the trajectory", "equilibrium": "at the equilibrium"}
+"""Places at which stability is looked at, in words."""
 
 
 def stability(setup: Setup, theta: Floats) -> dict[str, float | None]:
@@ -15,11 +18,10 @@ def stability(setup: Setup, theta: Floats) -> dict[str, float | None]:
     None where the solve failed, or no equilibrium is found.
     """
     found = setup.engine.evaluate(theta, setup.problem.data.times)
-    real = found.spectra.real
     load_flat(setup.field, theta)
     rest = equilibrium(setup.field, found.dense)
     return {
-        "trajectory": float(np.nanmax(real)) if np.isfinite(real).any() else None,
+        "trajectory": None if math.isnan(found.max_real) else found.max_real,
         "equilibrium": None if rest is None else float(spectrum_at(setup.field, rest).real.max()),
     }
 
@@ -29,8 +31,5 @@ def not_stable(setup: Setup, found: dict[str, float | None]) -> str | None:
     if "stb" not in training_terms(setup.config):
         return None
     limit = -setup.problem.margin
-    outside = {place: real for place, real in found.items() if real is not None and real > limit}
-    if not outside:
-        return None
-    places = " and ".join(f"{real:.3g} 1/s at the {place}" for place, real in outside.items())
-    return f"stb does not hold: the largest real part is {places.replace('at the trajectory', 'along the trajectory')}"
+    outside = [f"{real:.3g} 1/s {WHERE[place]}" for place, real in found.items() if real is not None and real > limit]
+    return f"stb does not hold: the largest real part is {' and '.join(outside)}" if outside else None

@@ -11,14 +11,6 @@ MEASURED = ("name", "target", "points", "observed", "noise", "initial_known")
 """Settings of a system that say what was measured of it, which is done."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    parser.add_argument("run", metavar="RUN", help="folder of a run, or its name under outputs/")
-    parser.add_argument("words", metavar="KEY=VALUE", nargs="*", help="for example 'system.initial_state=[0.5,0]'")
-    parser.add_argument("--points", metavar="N", type=int, default=1001, help="equidistant times (1001)")
-    parser.add_argument("--output", metavar="FILE", help="write times, truth and model into a CSV file")
-
-
 def evaluate(args: argparse.Namespace) -> int:
     """Print the errors of the model against the truth, state by state."""
     from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415  # torch, once it is needed

@@ -9,7 +9,7 @@ from eigenode_cli.batch.plan import PLAN, quoted, read_plan
 from eigenode_cli.errors import UserError
 from eigenode_cli.runs.lock import locked
 from eigenode_cli.runs.paths import OUTPUTS, importable, is_folder, run_folder
-from eigenode_cli.runs.runfile import Record, flags, read_record
+from eigenode_cli.runs.runfile import Record, config_dirs, read_record
 from eigenode_cli.training.ending import FINAL, FINISHED
 
 MAY_CHANGE = ("trainer.steps", "trainer.record_every", "trainer.checkpoint_every", "trainer.figures", "trainer.stop")
@@ -30,8 +30,7 @@ def resume(args: argparse.Namespace) -> int:
         status = record.text("status")
         if status in FINAL and not (args.words and status == FINISHED):
             raise UserError(f"{args.run}: {_finality(previous)}")
-        words = flags(record.text("command"))
-        dirs = [word.partition("=")[2] for word in words if word.startswith("--config-dir=")]
+        dirs = config_dirs(record.text("command"))
         from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415
 
         with importable(*([args.config_dir] if args.config_dir else dirs)):

@@ -40,7 +40,7 @@ DRY_RUN = "--dry-run"
 
 
 def _job(config: DictConfig) -> int | UserError | WriteError:
-    """Return the training that a job of Hydra's is; returns its exit status, or why it never began.
+    """Run the training that a job of Hydra's is; returns its exit status, or why it never began.
 
     An exception would be announced by Hydra, too.
     """

@@ -1,5 +1,4 @@
 """Schema of the optimizers and of the schedules of their learning rate."""
-# option() is dataclasses.field() with a constraint
 
 from dataclasses import dataclass
 

@@ -124,7 +124,7 @@ def forced(words: Iterable[str]) -> list[str]:
 
 
 def unforced(words: Iterable[str]) -> list[str]:
-    """Override words as the user typed them, of those that were `forced`."""
+    """Return words as the user typed them, of those that were `forced`."""
     return [word.removeprefix("++") if word.lstrip("+").partition(".")[0] in GROUPS else word for word in words]
 
 

@@ -57,6 +57,12 @@ class Evaluation:
     n_rejected: int
     dense: Floats
 
+    @property
+    def max_real(self) -> float:
+        """Largest real part of any eigenvalue along the trajectory in 1/s; NaN where there is no spectrum."""
+        real = self.spectra.real
+        return float(np.nanmax(real)) if np.isfinite(real).any() else float("nan")
+
 
 @dataclass(frozen=True)
 class Advance:

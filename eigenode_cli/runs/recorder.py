@@ -73,13 +73,12 @@ class Recorder:
     ) -> dict[str, Any]:
         """Return one row of metrics.csv; `monitored` is what the optimizer tells of itself."""
         losses = dict(zip(self.names, (float(value) for value in evaluation.values), strict=True))
-        real = evaluation.spectra.real
         return {
             "step": progress.step,
             "train_seconds": round(progress.train_seconds, 6),
             "lr": lr,
             **{name: losses[name] for name in NAMES},
-            "max_real": float(np.nanmax(real)) if np.isfinite(real).any() else float("nan"),
+            "max_real": evaluation.max_real,
             "n_accepted": evaluation.n_accepted,
             "n_rejected": evaluation.n_rejected,
             "status": evaluation.status.label,

@@ -81,9 +81,14 @@ def flags(command: str) -> list[str]:
     return [word for word in words if word.startswith(("--config-dir=", "--config-name="))]
 
 
+def config_dirs(command: str) -> list[str]:
+    """Return the folders of the user's own configs and code in the command of a run."""
+    return [word.partition("=")[2] for word in flags(command) if word.startswith("--config-dir=")]
+
+
 def resume_command(folder: Path, command: str) -> str:
     """Return the command that goes on with the run in `folder`, which `command` started."""
-    own = [word for word in flags(command) if word.startswith("--config-dir=")]
+    own = [f"--config-dir={folder}" for folder in config_dirs(command)]
     return shlex.join(["eigenode", "resume", str(folder), *own])
 
 

@@ -14,7 +14,7 @@ CONSISTENT = 1e-9
 """Largest error in the sum of the weights of a method."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # one is itself alone: arrays have no hash
 class Tableau:
     """One method with s stages.
 

@@ -5,6 +5,7 @@ for differentiation (torchdiffeq lets gradients leak through the choice of the f
 in-place tricks, so that forward-mode differentiation passes through a solve as well as reverse mode.
 """
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -134,6 +135,7 @@ def _stepped(method: type[RKAdaptiveStepsizeODESolver]) -> type[SteppedSolver]:
     return type(method.__name__, (SteppedSolver, method), {})
 
 
+@cache
 def of_tableau(tableau: Tableau) -> type[SteppedSolver]:
     """Return the solver of a method, whose steps are chosen or given."""
     butcher = _ButcherTableau(

@@ -191,7 +191,7 @@ class Trainer:
             self._solvable = self._committed
 
     def _learn(self, number: int, start: int, event: int) -> Status:
-        """Return steps that the engine takes by itself; returns how the first solve ended."""
+        """Take the steps that the engine takes by itself; returns how the first solve ended."""
         engine, options = self.phases[number].engine, self.options
         known, pace = self._pace
         steps = max(1, int(BREATH_SECONDS / pace)) if known == number and pace > 0.0 else 1

@@ -10,6 +10,7 @@ from omegaconf import OmegaConf
 from eigenode_cli.config.build import build_system
 from eigenode_cli.config.compose import compose, restore, typed
 from eigenode_cli.config.plugins import GROUPS, load_class
+from eigenode_cli.config.schema import SCHEMAS, CombineConfig, SequentialConfig
 from eigenode_cli.errors import UserError
 
 PENDULUM = """
@@ -126,8 +127,6 @@ def test_a_class_that_cannot_be_used_is_one_line(target: str, fault: str) -> Non
 
 
 def test_choices_with_the_same_options_are_told_apart_by_their_schema() -> None:
-    from eigenode_cli.config.schema import SCHEMAS, CombineConfig, SequentialConfig  # noqa: PLC0415
-
     config = compose(["combine=sum"])
     record = {str(key): value for key, value in OmegaConf.to_container(config).items()}
     record["combine"] = {"name": "mine", "repeat_last_update": False}

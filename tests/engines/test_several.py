@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 import eigenode_cli as en
 from eigenode_cli.arrays import Floats
@@ -107,6 +108,4 @@ def test_a_series_alone_and_in_a_dataset_train_the_same() -> None:
 
 
 def seeded() -> VectorField:
-    import torch  # noqa: PLC0415
-
     return en.VectorField(en.Mlp(2, [8], 1, generator=torch.Generator().manual_seed(0)))
