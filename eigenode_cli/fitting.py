@@ -20,7 +20,7 @@ from eigenode_cli.engines.base import Engine, Evaluation
 from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, scale_output, with_initial_states
+from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, scale_output, with_own_parameters
 from eigenode_cli.model.modes import modal_matrix, stated_pairs
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
 from eigenode_cli.terms import NAMES, canonical
@@ -148,10 +148,10 @@ def fit(
     factors: dict[str, float] = dict.fromkeys(NAMES, 1.0) | dict(scales or {})
     if isinstance(method, LevenbergMarquardt):
         factors = relative_scales(factors, problem)
-    theta = with_initial_states(flat_parameters(field), every, estimates)
+    theta = with_own_parameters(flat_parameters(field), every, estimates)
     memory, whole = _Memory(), build_engine(field, problem, engine=engine)
     rebuilt = partial(build_engine, field, engine=engine)
-    blocks = block_slices(field, sum(one.unknown.size for one in every))
+    blocks = block_slices(field, every)
     trainer = Trainer(
         engine=whole,
         phases=build_phases(stages, steps, problem, factors, whole, rebuilt, blocks),

@@ -10,10 +10,11 @@ import numpy as np
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.bench.case import Case, torch_field
-from eigenode_cli.engines.compiled.buffers import Owner, Room, build_core, build_method
+from eigenode_cli.engines.compiled.buffers import Room, build_core, build_method
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.kernel import solve
 from eigenode_cli.engines.compiled.mlp import MlpShape
+from eigenode_cli.engines.compiled.owner import Owner
 from eigenode_cli.engines.torch_engine import TorchEngine
 from eigenode_cli.solve.tableau import TABLEAUS
 

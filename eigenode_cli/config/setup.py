@@ -27,7 +27,7 @@ from eigenode_cli.data.targets import Target
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_initial_states
+from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_own_parameters
 from eigenode_cli.model.modes import fitted_matrix, modal_matrix, stated_pairs
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
@@ -75,7 +75,7 @@ class Setup:
     @property
     def blocks(self) -> dict[str, slice]:
         """Where each block of parameters stands in theta."""
-        return block_slices(self.field, self.problem.data.unknown.size)
+        return block_slices(self.field, self.dataset.series)
 
     def tensors(self, theta: Floats) -> dict[str, torch.Tensor]:
         """Return what a checkpoint holds at the parameters `theta (P,)`: the network's state_dict and the other blocks.
@@ -114,12 +114,12 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     user_terms = load_user_terms(config.terms, training_terms(config), announce)
     engine = engine_of(config, field, problem, user_terms, announce)
     rebuilt = partial(engine_of, config, field, user_terms=user_terms)
-    blocks = block_slices(field, series.unknown.size)
+    blocks = block_slices(field, [series])
     stages, scales = build_stages(config), gradient_scales(config)
     if isinstance(config.optimizer, LeastSquaresConfig):
         scales = relative_scales(scales, problem)
     phases = build_phases(stages, config.trainer.steps, problem, scales, engine, rebuilt, blocks)
-    theta = with_initial_states(flat_parameters(field), [series], [estimate])
+    theta = with_own_parameters(flat_parameters(field), [series], [estimate])
     if config.trainer.start is not None:
         theta = warm_start(config.trainer.start, field, theta)
     names = (*NAMES, *user_terms)

@@ -1,13 +1,14 @@
 """What was measured of a system: one or several trajectories, and what is known of their initial states."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eigenode_cli.arrays import Floats, Integers
+from eigenode_cli.solve.drive import Drive
 from eigenode_cli.solve.times import checked_times
 
 
@@ -20,6 +21,10 @@ class Series:
         values: measured states `(N, n)`, NaN where a state was not measured.
         initial_state: what is known of the state at the first time `(n,)`, NaN where nothing is: the model then starts
             from a trained value.
+        rates: measured derivatives of the states `(N, n)`, as an accelerometer gives those of velocities, NaN where
+            one was not measured; None where none was.
+        offsets: channels that show a trained constant too: state i has number i, its derivative n + i.
+        drive: the inputs, None for a system without.
 
     Raises:
         ValueError: the times are not finite and ascending, shapes do not fit together, or nothing was measured.
@@ -28,6 +33,9 @@ class Series:
     times: Floats
     values: Floats
     initial_state: Floats
+    rates: Floats | None = None
+    offsets: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    drive: Drive | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and times, and make everything float64."""
@@ -40,13 +48,45 @@ class Series:
             raise ValueError(
                 f"the initial state has shape {self.initial_state.shape}, of {self.values.shape[1]} states"
             )
-        if not self.mask.any():
+        object.__setattr__(self, "offsets", np.array(self.offsets, dtype=np.int64))
+        if self.rates is not None:
+            object.__setattr__(self, "rates", np.ascontiguousarray(self.rates, dtype=np.float64))
+            if self.rates.shape != self.values.shape:
+                raise ValueError(f"rates have shape {self.rates.shape}, values {self.values.shape}")
+        if not self.channel_mask.any():
             raise ValueError("nothing was measured: all values are NaN")
+        if not self.channel_mask[:, self.offsets].any(axis=0).all():
+            raise ValueError("an offset belongs to a channel that was not measured")
 
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
-        """Which entries of `values` were measured, so that SOL compares them `(N, n)`."""
+        """Which entries of `values` were measured `(N, n)`."""
         return np.isfinite(self.values)
+
+    @cached_property
+    def channels(self) -> Floats:
+        """What SOL compares `(N, C)`: the n states, and behind them their n derivatives where any was measured."""
+        return self.values if self.rates is None else np.hstack([self.values, self.rates])
+
+    @cached_property
+    def channel_mask(self) -> NDArray[np.bool_]:
+        """Which entries of `channels` were measured."""
+        return np.isfinite(self.channels)
+
+    @property
+    def trained(self) -> int:
+        """Number of parameters that this trajectory has of its own: unknown initial values, then offsets."""
+        return self.unknown.size + self.offsets.size
+
+    @property
+    def inputs(self) -> int:
+        """Number of inputs k."""
+        return 0 if self.drive is None else self.drive.inputs
+
+    @cached_property
+    def driven(self) -> Floats:
+        """Inputs at the data times `(N, k)`."""
+        return np.empty((self.times.size, 0)) if self.drive is None else self.drive.at(self.times)
 
     @property
     def states(self) -> int:
@@ -72,7 +112,8 @@ class Series:
 
     def leading(self, count: int) -> "Series":
         """Return the first `count` data times of it."""
-        return Series(self.times[:count], self.values[:count], self.initial_state)
+        rates = None if self.rates is None else self.rates[:count]
+        return replace(self, times=self.times[:count], values=self.values[:count], rates=rates)
 
 
 @dataclass(frozen=True)

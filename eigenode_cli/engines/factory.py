@@ -65,12 +65,13 @@ def shape_of(field: VectorField) -> MlpShape:
     network = cast(Mlp, field.network)
     if not isinstance(network, Mlp):
         raise ValueError(f"{type(field.network).__name__}: the compiled engine knows multilayer perceptrons")
-    n, m = network.sizes[0], network.sizes[-1]
+    width, m = network.sizes[0], network.sizes[-1]
     return MlpShape(
         sizes=network.sizes,
         activation=network.activation,
         structure=field.structure,
-        input_scale=np.ones(n) if network.input_scale is None else network.input_scale.numpy(),
+        input_scale=np.ones(width) if network.input_scale is None else network.input_scale.numpy(),
         output_scale=np.ones(m) if network.output_scale is None else network.output_scale.numpy(),
         linear=field.linear is not None,
+        inputs=field.inputs,
     )

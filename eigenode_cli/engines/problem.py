@@ -79,7 +79,7 @@ class Problem:
     @property
     def measured(self) -> int:
         """Number of measured values, which SOL compares."""
-        return int(self.data.mask.sum())
+        return int(self.data.channel_mask.sum())
 
     @property
     def sizes(self) -> Floats:

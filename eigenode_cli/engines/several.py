@@ -16,8 +16,8 @@ class SeveralEngine:
     """One engine for each trajectory; they share the field's parameters and have initial states of their own.
 
     A term is the mean over the residuals of all trajectories: SOL over all measured values, the others over all
-    spectra. Where the solve of one of them fails, SOL is not defined. Parameters are those of the field, then the
-    trained entries of the initial states, one trajectory after another.
+    spectra. Where the solve of one of them fails, SOL is not defined. Parameters are those of the field, then
+    trained entries of the initial states and then offsets, each one trajectory after another.
 
     Args:
         engines: one a trajectory.
@@ -28,8 +28,8 @@ class SeveralEngine:
         self.name = engines[0].name
         self._engines, self._problems = tuple(engines), tuple(problems)
         self._terms = problems[0].terms
-        unknown = [problem.data.unknown.size for problem in problems]
-        self._ends = np.cumsum(unknown)
+        self._initial = [problem.data.unknown.size for problem in problems]
+        self._offsets = [problem.data.offsets.size for problem in problems]
 
     @property
     def compile_seconds(self) -> float:
@@ -38,9 +38,10 @@ class SeveralEngine:
 
     def _columns(self, size: int) -> list[np.ndarray]:
         """Which of all `size` parameters each trajectory has."""
-        field = np.arange(size - int(self._ends[-1]))
-        own = np.split(np.arange(field.size, size), self._ends[:-1])
-        return [np.concatenate([field, part]) for part in own]
+        field = np.arange(size - sum(self._initial) - sum(self._offsets))
+        initial = np.split(np.arange(field.size, size - sum(self._offsets)), np.cumsum(self._initial)[:-1])
+        offset = np.split(np.arange(size - sum(self._offsets), size), np.cumsum(self._offsets)[:-1])
+        return [np.concatenate([field, *own]) for own in zip(initial, offset, strict=True)]
 
     def _shares(self, names: Sequence[str]) -> Floats:
         """Share of each trajectory in the mean of each term `(N, L)`."""

@@ -6,12 +6,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from eigenode_cli.arrays import Complexes, Floats
+from eigenode_cli.arrays import Complexes, Floats, Integers
 from eigenode_cli.data.targets import Targets
 from eigenode_cli.engines.base import Advance, Evaluation, LossJacobian, ResidualJacobian, residual_rows, single_step
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.engines.update import Update
-from eigenode_cli.model import VectorField, load_flat
+from eigenode_cli.model import VectorField, held, load_flat
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import Trajectory, solve
 from eigenode_cli.spectra.eig import eigvals
@@ -66,11 +66,14 @@ class TorchEngine:
         self._initial = torch.zeros(self._unknown.numel(), dtype=torch.float64, requires_grad=True)
         self._sizes = torch.from_numpy(problem.sizes)
         self._n = problem.data.states
+        self._offsets = torch.from_numpy(problem.data.offsets)
+        self._offset = torch.zeros(self._offsets.numel(), dtype=torch.float64, requires_grad=True)
+        self._driven = torch.from_numpy(problem.data.driven)
 
     @property
     def _leaves(self) -> tuple[Tensor, ...]:
         """All parameters, in the order of theta."""
-        return (*self._parameters, self._initial) if self._unknown.numel() else self._parameters
+        return (*self._parameters, *(leaf for leaf in (self._initial, self._offset) if leaf.numel()))
 
     def _load(self, theta: Floats) -> None:
         """Take over the parameters.
@@ -83,7 +86,10 @@ class TorchEngine:
             raise ValueError(f"theta has shape {theta.shape}, there are {size} parameters")
         load_flat(self.field, theta)
         with torch.no_grad():
-            self._initial[:] = torch.from_numpy(theta[theta.size - self._unknown.numel() :])
+            initial, offset = self._unknown.numel(), self._offsets.numel()
+            at = theta.size - initial - offset
+            self._initial[:] = torch.from_numpy(theta[at : at + initial])
+            self._offset[:] = torch.from_numpy(theta[at + initial :])
 
     def _start(self) -> Tensor:
         """Return the initial state `(n,)` with its trained entries."""
@@ -132,8 +138,8 @@ class TorchEngine:
         """Return the residuals of one term."""
         problem = self.problem
         if term not in SPECTRAL:
-            mask = torch.from_numpy(problem.data.mask)
-            return forward.trajectory.states[mask] - torch.from_numpy(problem.data.values)[mask]
+            mask = torch.from_numpy(problem.data.channel_mask)
+            return self._channels(forward.trajectory.states)[mask] - torch.from_numpy(problem.data.channels)[mask]
         spectra, squares = forward.spectral, np.full(len(NAMES), MSE)
         rows = []
         for t in range(problem.spectral_index.size):
@@ -160,7 +166,8 @@ class TorchEngine:
         self._load(theta)
         forward = self._forward((*NAMES, *self.user_terms), None, recorded=True)
         outputs = torch.from_numpy(np.concatenate([self.problem.data.times[:1], times]))
-        dense = solve(self.field, self._start(), outputs, self.problem.solver).padded(outputs.numel())[1:]
+        drive = self.problem.data.drive
+        dense = solve(self.field, self._start(), outputs, self.problem.solver, drive=drive).padded(outputs.numel())[1:]
         return Evaluation(
             values=np.array([float(value) for value in forward.values.values()]),
             trajectory=forward.trajectory.padded(self._times.numel()),
@@ -174,7 +181,7 @@ class TorchEngine:
     def _forward(self, terms: tuple[str, ...], steps: list[float] | None, recorded: bool = False) -> _Forward:
         problem = self.problem
         trajectory = (
-            solve(self.field, self._start(), self._times, problem.solver, steps)
+            solve(self.field, self._start(), self._times, problem.solver, steps, problem.data.drive)
             if problem.solved
             else Trajectory(self._times.new_empty((0, self._n)), Status.UNSOLVED, 0, 0, [])
         )
@@ -186,19 +193,22 @@ class TorchEngine:
             return _Forward(
                 self._values(terms, trajectory, nothing, problem.targets, recorded), trajectory, along, 0, nothing
             )
-        spectra = self._spectra(trajectory.states[index[:reached]])
+        spectra = self._spectra(trajectory.states[index[:reached]], index[:reached])
         along[:reached] = spectra.eigenvalues.detach().numpy()
         targets = problem.targets
         if trajectory.status is not Status.OK and problem.stabilise and problem.states is not None:
             row = problem.stabilising_rows(trajectory.states.detach().numpy())
             states = np.concatenate([trajectory.states.detach().numpy()[index[row]], problem.states[index]])
-            spectra = self._spectra(torch.from_numpy(states))
-            targets = targets.rows(np.concatenate([row, np.arange(index.size)]))
+            rows = np.concatenate([row, np.arange(index.size)])
+            spectra = self._spectra(torch.from_numpy(states), index[rows])
+            targets = targets.rows(rows)
         values = self._values(terms, trajectory, spectra, targets, recorded)
         return _Forward(values, trajectory, along, spectra.guard_count, spectra)
 
-    def _spectra(self, states: Tensor) -> _Spectra:
-        matrices = jacobian(self.field, states, self.problem.jacobian, self._sizes)
+    def _spectra(self, states: Tensor, outputs: Integers) -> _Spectra:
+        """Return the spectra at states `(T, n)`, with the inputs at these data times."""
+        field = held(self.field, self._driven[torch.from_numpy(outputs)])
+        matrices = jacobian(field, states, self.problem.jacobian, self._sizes)
         values, fired = eigvals(matrices, self.problem.max_condition)
         return _Spectra(values, rounding_levels(matrices.detach().numpy()), int(fired.sum()))
 
@@ -224,7 +234,8 @@ class TorchEngine:
             )
             values.update(zip(spectral, vector, strict=True))
         if solved and "sol" in values:
-            values["sol"] = solution_term(trajectory.states, problem.data, problem.errors[0], problem.huber_delta)
+            shown = self._channels(trajectory.states)
+            values["sol"] = solution_term(shown, problem.data, problem.errors[0], problem.huber_delta)
         for name, term in self.user_terms.items():
             if name in values and (solved or (problem.stabilise and not term.needs_solve)):
                 values[name] = term(
@@ -235,6 +246,15 @@ class TorchEngine:
                     field=self.field,
                 )
         return values
+
+    def _channels(self, states: Tensor) -> Tensor:
+        """Return what the model says of the measured channels `(N, C)` at the trajectory `(N, n)`."""
+        data = self.problem.data
+        shown = states if data.rates is None else torch.cat([states, held(self.field, self._driven)(states)], dim=-1)
+        if self._offsets.numel():
+            added = shown.new_zeros(shown.shape[-1]).index_put((self._offsets,), self._offset)
+            shown = shown + added
+        return shown
 
     def _gradient(self, term: str, value: Tensor) -> Floats:
         """Parameter gradient `(P,)` of one term: zero where no parameter enters it, NaN where it is undefined."""

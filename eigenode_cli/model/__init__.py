@@ -5,10 +5,10 @@ import torch
 from torch import nn
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.model.blocks import BLOCKS, block_slices, trained_mask, with_initial_states
+from eigenode_cli.model.blocks import BLOCKS, block_slices, trained_mask, with_own_parameters
 from eigenode_cli.model.mlp import Mlp
 from eigenode_cli.model.polynomial import Polynomial
-from eigenode_cli.model.vector_field import VectorField
+from eigenode_cli.model.vector_field import VectorField, held
 
 
 def flat_parameters(module: nn.Module) -> Floats:
@@ -42,8 +42,9 @@ __all__ = [
     "VectorField",
     "block_slices",
     "flat_parameters",
+    "held",
     "load_flat",
     "scale_output",
     "trained_mask",
-    "with_initial_states",
+    "with_own_parameters",
 ]

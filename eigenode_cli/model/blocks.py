@@ -11,23 +11,24 @@ from eigenode_cli.data.dataset import Series
 from eigenode_cli.data.reconstruct import Estimate
 from eigenode_cli.model.vector_field import VectorField
 
-NETWORK, LINEAR, INITIAL_STATE = "network", "linear", "initial_state"
-BLOCKS = (NETWORK, LINEAR, INITIAL_STATE)
+NETWORK, LINEAR, INITIAL_STATE, OFFSET = "network", "linear", "initial_state", "offset"
+BLOCKS = (NETWORK, LINEAR, INITIAL_STATE, OFFSET)
 """Names of the blocks in the order of theta."""
 
 
-def block_slices(field: VectorField, unknown: int) -> dict[str, slice]:
+def block_slices(field: VectorField, series: Sequence[Series]) -> dict[str, slice]:
     """Return where each block that there is stands in theta.
 
     Args:
         field: the vector field: blocks `network` and, where it has one, `linear`.
-        unknown: number of unknown entries of initial states: block `initial_state`, those of one trajectory after
-            another.
+        series: measured trajectories: block `initial_state`, the unknown entries of the initial states of one after
+            another, and block `offset`, the offsets of their channels in the same order.
     """
     sizes = {
         NETWORK: _size(field.network),
         LINEAR: 0 if field.linear is None else _size(field.linear),
-        INITIAL_STATE: unknown,
+        INITIAL_STATE: sum(one.unknown.size for one in series),
+        OFFSET: sum(one.offsets.size for one in series),
     }
     slices, start = {}, 0
     for name, size in sizes.items():
@@ -55,13 +56,17 @@ def _size(module: nn.Module) -> int:
     return sum(parameter.numel() for parameter in module.parameters())
 
 
-def with_initial_states(theta: Floats, series: Sequence[Series], estimates: Sequence[Estimate]) -> Floats:
-    """Return the parameters of a vector field with first guesses of the unknown initial values behind them.
+def with_own_parameters(theta: Floats, series: Sequence[Series], estimates: Sequence[Estimate]) -> Floats:
+    """Return the parameters of a vector field with first guesses of those of the trajectories behind them.
 
     Args:
         theta: parameters of the field.
         series: measured trajectories, one after another.
         estimates: what is known of the states of each.
+
+    Returns:
+        Parameters `(P,)`: those of the field, all unknown initial values, all offsets.
     """
     guesses = [np.nan_to_num(found.states[0])[one.unknown] for one, found in zip(series, estimates, strict=True)]
-    return np.concatenate([theta, *guesses])
+    offsets = [found.offsets[one.offsets] for one, found in zip(series, estimates, strict=True)]
+    return np.concatenate([theta, *guesses, *offsets])

@@ -78,7 +78,7 @@ class SteppedSolver(RKAdaptiveStepsizeODESolver):
     def _adaptive_step(self, rk_state: Any) -> Any:
         y0, f0, _, start, proposed, interp_coeff = rk_state
         size, clipped = self._step_size(float(start), float(proposed))
-        y1, f1, error, k = self._trial(y0, f0, size)
+        y1, f1, error, k = self._trial(float(start), y0, f0, size)
         ratio = self._error_ratio(y0, y1, f1, error)
         following = next_step(size, ratio, self._last_ratio, self.order)
         if self.replay is None and not ratio <= 1.0:
@@ -104,18 +104,18 @@ class SteppedSolver(RKAdaptiveStepsizeODESolver):
             raise SolveStopped(Status.UNDERFLOW if self._last_finite else Status.NON_FINITE)
         return size, clipped
 
-    def _trial(self, y0: Tensor, f0: Tensor, size: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def _trial(self, start: float, y0: Tensor, f0: Tensor, size: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         stages = [f0]
         y = y0
-        for row in self.tableau.beta:
+        for node, row in zip(self.tableau.alpha.tolist(), self.tableau.beta, strict=True):
             y = y0 + size * (torch.stack(stages, dim=-1) @ row)
-            stages.append(self.func(None, y))
+            stages.append(self.func(start + node * size, y))
         k = torch.stack(stages, dim=-1)
         if self._same_as_last:
             y1, f1 = y, stages[-1]
         else:
             y1 = y0 + size * (k @ self.tableau.c_sol)
-            f1 = self.func(None, y1)
+            f1 = self.func(start + size, y1)
         return y1, f1, size * (k.detach() @ self.tableau.c_error), k
 
     def _error_ratio(self, y0: Tensor, y1: Tensor, f1: Tensor, error: Tensor) -> float:

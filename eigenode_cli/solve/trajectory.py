@@ -10,13 +10,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torchdiffeq._impl.interp import _interp_evaluate
 
+from eigenode_cli.solve.drive import Drive, steps_to_knots
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.solve.times import checked_times, fixed_step_count, fixed_steps
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, SolveStopped, of_tableau, rms_norm
 
-Field = Callable[[Tensor], Tensor]
+Field = Callable[..., Tensor]
+Timed = Callable[[float, Tensor], Tensor]
+ON_KNOT = 1e-6
+"""A given step ends at a knot if it comes this near to it, relative to its size."""
 
 
 @dataclass(frozen=True)
@@ -50,35 +54,85 @@ def solve(
     times: Tensor,
     config: Solver,
     steps: list[float] | None = None,
+    drive: Drive | None = None,
 ) -> Trajectory:
     """Integrate `dx/dt = field(x)` from `initial_state (n,)` and interpolate at `times (N,)` in s, ascending.
 
-    Differentiable in reverse and in forward mode with the steps held constant. A solve that fails is no error: the
-    trajectory then ends early and its status says why.
+    With inputs it is `field(x, u(t))`. Differentiable in reverse and in forward mode with the steps held constant. A
+    solve that fails is no error: the trajectory then ends early and its status says why.
 
     Args:
-        field: vector field `(n,) -> (n,)`.
+        field: vector field `(n,) -> (n,)`, of a state and the inputs `(k,)` where there are any.
         initial_state: state at `times[0]`.
         times: output times; they never change the steps.
         config: method and its options.
-        steps: sizes of the steps to take in place of the controller's (adaptive methods only).
+        steps: sizes of the steps to take in place of the controller's (methods of a tableau only).
+        drive: the inputs; no step goes over the start of one of its pieces.
 
     Raises:
         ValueError: the times are not finite and ascending, or the method is unknown.
     """
     times = torch.from_numpy(checked_times(times))
+    if drive is not None:
+        return _solve_driven(field, initial_state, times, config, steps, drive)
+    return _solve_piece(lambda _t, x: field(x), initial_state, times, config, steps)
+
+
+def _solve_driven(
+    field: Field, initial_state: Tensor, times: Tensor, config: Solver, steps: list[float] | None, drive: Drive
+) -> Trajectory:
+    """Solve from knot to knot of the inputs, along a straight piece each time."""
+    starts, values, slopes, _ = drive.pieces
+    begin, end = float(times[0]), float(times[-1])
+    knots = [begin, *starts[(starts > begin) & (starts < end)].tolist(), *([end] if end > begin else [])]
+    states, sizes, rejected, status = [initial_state] * int((times == begin).sum()), [], 0, Status.OK
+    if steps is None and isinstance(config, FixedStepSolver):
+        steps = steps_to_knots(fixed_steps(config.step, begin, end), begin, drive).tolist()
+    left = None if steps is None else [size for size in steps if size > 0.0]
+    x = initial_state
+    for here, there in pairwise(knots):
+        piece = max(0, int(np.searchsorted(starts, here, side="right")) - 1)
+        origin, value, slope = starts[piece], torch.from_numpy(values[piece]), torch.from_numpy(slopes[piece])
+        inside = times[(times > here) & (times <= there)]
+        last = there if inside.numel() == 0 or float(inside[-1]) < there else None
+        outputs = torch.cat([times.new_tensor([here]), inside, times.new_tensor([] if last is None else [there])])
+
+        def rate(t: float, y: Tensor, origin=origin, value=value, slope=slope) -> Tensor:
+            return field(y, value + slope * (float(t) - origin))
+
+        taken = None if left is None else _leading(left, there - here)
+        found = _solve_piece(rate, x, outputs, config, taken)
+        states += list(found.states[1 : 1 + inside.numel()])
+        sizes, rejected, status = [*sizes, *found.steps], rejected + found.n_rejected, found.status
+        if status is not Status.OK:
+            break
+        x = found.states[-1]
+    return Trajectory(torch.stack(states), status, len(sizes), rejected, sizes)
+
+
+def _leading(steps: list[float], length: float) -> list[float]:
+    """Take the leading steps that add up to `length` from a list."""
+    taken: list[float] = []
+    while steps and sum(taken) < length - ON_KNOT * steps[0]:
+        taken.append(steps.pop(0))
+    return taken
+
+
+def _solve_piece(
+    field: Timed, initial_state: Tensor, times: Tensor, config: Solver, steps: list[float] | None
+) -> Trajectory:
     if isinstance(config, AdaptiveSolver):
         return _solve_adaptive(field, initial_state, times, config, steps, config.tableau)
     if isinstance(config, FixedStepSolver) and config.tableau is not None:
-        sizes = fixed_steps(config.step, float(times[0]), float(times[-1])).tolist()
+        sizes = steps or fixed_steps(config.step, float(times[0]), float(times[-1])).tolist()
         return _solve_adaptive(field, initial_state, times, AdaptiveSolver(rtol=1.0, atol=1.0), sizes, config.tableau)
     if isinstance(config, FixedStepSolver):
-        return _solve_fixed(field, initial_state, times, config)
+        return _solve_fixed(field, initial_state, times, config, steps)
     raise ValueError(f"solver={config.name}: neither adaptive nor of fixed step")
 
 
 def _solve_adaptive(
-    field: Field,
+    field: Timed,
     initial_state: Tensor,
     times: Tensor,
     config: AdaptiveSolver,
@@ -86,7 +140,7 @@ def _solve_adaptive(
     tableau: Tableau | None,
 ) -> Trajectory:
     method = ADAPTIVE[config.name] if tableau is None else of_tableau(tableau)
-    solver = method(func=lambda _t, y: field(y), y0=initial_state, rtol=config.rtol, atol=config.atol, norm=rms_norm)
+    solver = method(func=field, y0=initial_state, rtol=config.rtol, atol=config.atol, norm=rms_norm)
     solver.prepare(float(times[-1]), config.max_steps, steps)
     states = [initial_state] * int((times == times[0]).sum())
     status = Status.OK
@@ -101,19 +155,23 @@ def _solve_adaptive(
     return Trajectory(torch.stack(states), status, len(solver.steps), solver.n_rejected, solver.steps)
 
 
-def _solve_fixed(field: Field, initial_state: Tensor, times: Tensor, config: FixedStepSolver) -> Trajectory:
+def _solve_fixed(
+    field: Timed, initial_state: Tensor, times: Tensor, config: FixedStepSolver, steps: list[float] | None
+) -> Trajectory:
     solver = FIXED[config.name](
-        func=lambda _t, y, **_: field(y), y0=initial_state, step_size=config.step, rtol=0.0, atol=0.0
+        func=lambda t, y, **_: field(float(t), y), y0=initial_state, step_size=config.step, rtol=0.0, atol=0.0
     )
     start, end = float(times[0]), float(times[-1])
     grid = [start + i * config.step for i in range(fixed_step_count(config.step, start, end))] + [end]
+    if steps is not None:
+        grid = [start, *(start + np.cumsum(steps[:-1])).tolist(), end]
     y, states, taken = initial_state, [initial_state] * int((times == times[0]).sum()), 0
     status = Status.OK
     for here, there in pairwise(grid):
         t0, t1 = torch.tensor(here, dtype=torch.float64), torch.tensor(there, dtype=torch.float64)
         increment, f0 = solver._step_func(solver.func, t0, t1 - t0, t1, y)
         y1 = y + increment
-        f1 = field(y1)
+        f1 = field(there, y1)
         if not (torch.isfinite(y1).all() and torch.isfinite(f1).all()):
             status = Status.NON_FINITE
             break

@@ -44,12 +44,12 @@ class _Linearised(torch.autograd.Function):
         return (slopes.conj() * dx).flatten(1).sum(1).real.clone()
 
 
-def solution_term(states: Tensor, data: Series, error: int, huber_delta: float) -> Tensor:
-    """SOL of the trajectory `(N, n)`, a scalar."""
-    trajectory = states.detach().numpy()
+def solution_term(shown: Tensor, data: Series, error: int, huber_delta: float) -> Tensor:
+    """SOL of what the model says of the channels `(N, C)`, a scalar."""
+    trajectory = shown.detach().numpy()
     slope = np.empty_like(trajectory)
-    value = sol(trajectory, data.values, data.mask, error, huber_delta, slope)
-    return _Linearised.apply(states, torch.tensor([value], dtype=torch.float64), torch.from_numpy(slope[None]))[0]
+    value = sol(trajectory, data.channels, data.channel_mask, error, huber_delta, slope)
+    return _Linearised.apply(shown, torch.tensor([value], dtype=torch.float64), torch.from_numpy(slope[None]))[0]
 
 
 def spectral_values(

@@ -310,7 +310,7 @@ def term_units(problem: Problem) -> dict[str, float]:
     tells is 1.
     """
     every = problem.trajectories
-    values = np.concatenate([one.data.values[one.data.mask] for one in every])
+    values = np.concatenate([one.data.channels[one.data.channel_mask] for one in every])
     frequency = np.concatenate([one.targets.frequency[np.isfinite(one.targets.frequency)] for one in every])
     corridors = np.concatenate([one.targets.stiffness[:, 1] for one in every])
     ratio = corridors[np.isfinite(corridors)]

@@ -27,7 +27,9 @@ class Bars(NamedTuple):
         scratch: of the network's pullbacks `(2, widest)`.
         tangent_state, tangent_stage, tangent_output, tangent_k: forward sensitivities of a state, of a stage and of an
             output `(n, P)`, of the stages' derivatives `(s, n, P)`.
-        unknown, unknown_count: indices of the initial state's trained entries; their parameters are the last ones.
+        unknown, unknown_count: indices of the initial state's trained entries; their parameters stand at `initial`.
+        record, rate, bar_rate: of one evaluation of the field at an output: its record, its derivative `(n,)`, and
+            cotangents `(C n,)`; tangent_shown: sensitivity of what is measured at an output.
     """
 
     states: int
@@ -49,6 +51,11 @@ class Bars(NamedTuple):
     tangent_output: int
     unknown: int
     unknown_count: int
+    initial: int
+    record: int
+    rate: int
+    bar_rate: int
+    tangent_shown: int
 
 
 @njit_inner
@@ -115,7 +122,7 @@ def start_sensitivities(net, bars, state):
     """Fill `state (n, P)` with the derivatives of the initial state: ones where an entry of it is a parameter."""
     clear(net.n * net.size, state)
     for i in range(bars.unknown_count):
-        state[integers(bars.unknown, 0)[i] * net.size + net.size - bars.unknown_count + i] = 1.0
+        state[integers(bars.unknown, 0)[i] * net.size + bars.initial + i] = 1.0
 
 
 @njit_inner

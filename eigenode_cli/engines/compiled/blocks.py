@@ -79,13 +79,16 @@ def _state(core, trajectory, side, t):
 
 @njit_inner
 def _load_states(core, trajectory, side, first, record):
-    """Fill the leading n rows of a record with the scaled states from number `first` on, zero for one not finite."""
-    columns, n, scale_in = core.work.columns, core.net.n, doubles(core.net.scale_in, 0)
+    """Fill the leading rows of a record with scaled states and inputs from number `first` on, zero for no state."""
+    columns, n, k, scale_in = core.work.columns, core.net.n, core.net.k, doubles(core.net.scale_in, 0)
     for c in range(columns):
         inside = first + c < core.setup.rows and all_finite(n, _state(core, trajectory, side, first + c))
         for i in range(n):
             value = _state(core, trajectory, side, first + c)[i] if inside else 0.0
             record[i * columns + c] = scale_in[i] * value
+        for i in range(k):
+            output = integers(core.setup.indices, 0)[first + c] if inside else 0
+            record[(n + i) * columns + c] = scale_in[n + i] * doubles(core.setup.driven, output * k + i)[0]
 
 
 @njit_inner

@@ -5,19 +5,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenode_cli.arrays import Floats, Integers
+from eigenode_cli.arrays import Floats
+from eigenode_cli.data.dataset import Series
 from eigenode_cli.engines.compiled.algebra import BLOCK
 from eigenode_cli.engines.compiled.bars import Bars
-from eigenode_cli.engines.compiled.clusters import Cluster
 from eigenode_cli.engines.compiled.core import Core, Setup, Work
 from eigenode_cli.engines.compiled.debug_memory import label
+from eigenode_cli.engines.compiled.drive import Drive as Pieces
 from eigenode_cli.engines.compiled.jacobian import scratch_rows
-from eigenode_cli.engines.compiled.lapack import DGEBAL, DGEEV, ZGESVD, dgeev_space, zgesvd_space
-from eigenode_cli.engines.compiled.memory import LINE, address, aligned, whole_lines
+from eigenode_cli.engines.compiled.memory import LINE, aligned, whole_lines
 from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
-from eigenode_cli.engines.compiled.spectrum import Eigen
+from eigenode_cli.engines.compiled.owner import Owner
+from eigenode_cli.engines.compiled.spectrum_buffers import build_eigen
 from eigenode_cli.engines.compiled.stepper import Method, Steps
 from eigenode_cli.engines.problem import REACH, Problem
+from eigenode_cli.solve.drive import Drive, steps_to_knots
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.tableau import TABLEAUS, Tableau
 from eigenode_cli.solve.times import fixed_steps
@@ -30,30 +32,6 @@ NO_STEPS = np.empty(0)
 """Given steps where the solver chooses its own."""
 CACHED = 2**16
 """Doubles of tangents that a block may have: half of a megabyte, a part of one core's cache."""
-
-
-class Owner:
-    """Keeps arrays alive whose addresses kernels hold."""
-
-    def __init__(self) -> None:
-        self._arrays: list[NDArray] = []
-
-    def keep(self, array: NDArray) -> int:
-        """Address of a contiguous array, kept alive with this owner."""
-        self._arrays.append(array)
-        return address(array)
-
-    def copy(self, values: NDArray, dtype: type) -> int:
-        """Address of a contiguous copy as `dtype`."""
-        return self.keep(np.array(values, dtype=dtype, order="C"))
-
-    def floats(self, *shape: int) -> int:
-        """Address of float64 zeros, at a cache line."""
-        return self.keep(aligned(int(np.prod(shape))))
-
-    def zeros(self, size: int, dtype: type) -> int:
-        """Address of `size` zeros of `dtype`."""
-        return self.keep(np.zeros(size, dtype=dtype))
 
 
 class Shared(NamedTuple):
@@ -78,6 +56,7 @@ def build_method(owner: Owner, tableau: Tableau, rtol: float, atol: float, max_s
         order=tableau.order,
         a=owner.copy(tableau.a, np.float64),
         transposed=owner.copy(tableau.a.T, np.float64),
+        nodes=owner.copy(tableau.c, np.float64),
         error=owner.copy(tableau.error, np.float64),
         dense=owner.copy(tableau.dense, np.float64),
         rtol=float(rtol),
@@ -102,9 +81,12 @@ def solver_method(owner: Owner, solver: Solver) -> tuple[Method, float]:
     raise ValueError(f"solver.name={solver.name}: {type(solver).__name__} does not fit this method")
 
 
-def given_steps(step: float, times: Floats) -> Floats:
+def given_steps(step: float, times: Floats, drive: Drive | None = None) -> Floats:
     """Return the steps of a solve over `times` by a method of that step size, none for adaptive steps (step 0)."""
-    return NO_STEPS if step == 0.0 else fixed_steps(step, float(times[0]), float(times[-1]))
+    if step == 0.0:
+        return NO_STEPS
+    steps = fixed_steps(step, float(times[0]), float(times[-1]))
+    return steps if drive is None else steps_to_knots(steps, float(times[0]), drive)
 
 
 class Room:
@@ -162,7 +144,7 @@ def build_core(
     What only forward sensitivities need has no room unless `forward_way`. `columns` are the states in a block of
     spectra, 0 for as many as the cache has room for.
     """
-    n, m, size = shape.sizes[0], shape.sizes[-1], shape.parameters + problem.data.unknown.size
+    n, m, size = shape.states, shape.sizes[-1], shape.parameters + problem.data.trained
     outputs, count = problem.data.times.size, problem.spectral_index.size
     shared = Shared(
         theta=aligned(size),
@@ -175,12 +157,14 @@ def build_core(
     tables = [layer_table(shape, blocks) for blocks in (False, True)]
     for array in (*memory, *scales, *tables):
         owner.keep(array)
+    drive = build_drive(owner, problem.data, shape.inputs)
     net, batch = (
-        build_net(shape, blocks, table, (scales[0], scales[1]), memory)
+        build_net(shape, blocks, table, (scales[0], scales[1]), memory, drive.now)
         for blocks, table in zip((False, True), tables, strict=True)
     )
     columns = columns or block_columns(count, batch)
     blocks = -(-count // columns)
+    setup = _build_setup(owner, problem, shape.parameters)
     work = Work(
         columns=columns,
         blocks=blocks,
@@ -193,7 +177,9 @@ def build_core(
         bar_x=owner.floats(n, columns),
         scratch=owner.floats(scratch_rows(batch), columns),
         slopes=owner.keep(shared.slopes),
-        solution_slope=owner.floats(outputs, n),
+        states=owner.floats(0 if setup.plain else outputs, n),
+        shown=owner.floats(0 if setup.plain else outputs, setup.channels),
+        solution_slope=owner.floats(outputs, setup.channels),
         user_slopes=owner.keep(shared.user_slopes),
         compared=owner.zeros(max(terms, len(NAMES)), np.int64),
         square=owner.floats(1),
@@ -203,12 +189,37 @@ def build_core(
         channel=owner.zeros(terms, np.int64),
         outcome=owner.keep(shared.outcome),
     )
-    bars = _build_bars(owner, net, method, outputs, terms, forward_way, problem.data.unknown)
+    bars = _build_bars(owner, net, method, setup, terms, forward_way)
     eigen = build_eigen(owner, n, 2 * count, problem.max_condition)
-    return label(Core(net, batch, method, eigen, bars, _build_setup(owner, problem), work)), shared
+    return label(Core(net, batch, drive, method, eigen, bars, setup, work)), shared
 
 
-def _build_setup(owner: Owner, problem: Problem) -> Setup:
+def build_drive(owner: Owner, data: Series, inputs: int) -> Pieces:
+    """Return the pieces of the inputs of a trajectory, one of nothing where there are none.
+
+    Raises:
+        ValueError: the field has another number of inputs.
+    """
+    if data.inputs != inputs:
+        raise ValueError(f"the data has {data.inputs} inputs, the field {inputs}")
+    if data.drive is None:
+        starts, values = np.zeros(1), np.zeros((1, 0))
+        slopes, jumps = values, np.zeros(1, dtype=np.bool_)
+    else:
+        starts, values, slopes, jumps = data.drive.pieces
+    return Pieces(
+        k=inputs,
+        pieces=starts.size,
+        starts=owner.copy(starts, np.float64),
+        values=owner.copy(values, np.float64),
+        slopes=owner.copy(slopes, np.float64),
+        jumps=owner.copy(jumps, np.int64),
+        piece=owner.zeros(1, np.int64),
+        now=owner.floats(inputs),
+    )
+
+
+def _build_setup(owner: Owner, problem: Problem, parameters: int) -> Setup:
     data, targets = problem.data, problem.targets
     references = np.full_like(data.values, np.nan) if problem.states is None else problem.states
 
@@ -224,8 +235,14 @@ def _build_setup(owner: Owner, problem: Problem) -> Setup:
         start=owner.copy(data.initial_state, np.float64),
         unknown=owner.copy(data.unknown, np.int64),
         unknown_count=data.unknown.size,
-        data=owner.copy(data.values, np.float64),
-        mask=owner.copy(data.mask, np.bool_),
+        initial=parameters,
+        channels=data.channels.shape[1],
+        data=owner.copy(data.channels, np.float64),
+        mask=owner.copy(data.channel_mask, np.bool_),
+        offset=owner.copy(data.offsets, np.int64),
+        offset_count=data.offsets.size,
+        plain=data.rates is None and data.offsets.size == 0,
+        driven=owner.copy(data.driven, np.float64),
         indices=owner.copy(problem.spectral_index, np.int64),
         references=owner.copy(references[problem.spectral_index], np.float64),
         limit=owner.copy(REACH * problem.sizes, np.float64),
@@ -241,10 +258,8 @@ def _build_setup(owner: Owner, problem: Problem) -> Setup:
     )
 
 
-def _build_bars(
-    owner: Owner, net: Net, method: Method, outputs: int, terms: int, forward_way: bool, unknown: Integers
-) -> Bars:
-    n, m, q = net.n, net.m, terms * net.n
+def _build_bars(owner: Owner, net: Net, method: Method, setup: Setup, terms: int, forward_way: bool) -> Bars:
+    n, m, q, outputs = net.n, net.m, terms * net.n, setup.outputs
     columns, stride = net.size if forward_way else 0, whole_lines(net.size)
     return Bars(
         states=owner.floats(outputs, q),
@@ -264,54 +279,11 @@ def _build_bars(
         tangent_stage=owner.floats(n, columns),
         tangent_k=owner.floats(method.stages, n, columns),
         tangent_output=owner.floats(n, columns),
-        unknown=owner.copy(unknown, np.int64),
-        unknown_count=unknown.size,
-    )
-
-
-def build_eigen(owner: Owner, n: int, count: int, max_condition: float) -> Eigen:
-    """Room for `count` spectra of n eigenvalues, and working space."""
-    space, vectors = dgeev_space(n), 0 if n == 2 else count * n * n
-    eigen = Eigen(
-        n=n,
-        max_condition=float(max_condition),
-        spectra=owner.zeros(count * n, np.complex128),
-        levels=owner.floats(count),
-        capacity=count,
-        forms=owner.floats(6, count if n == 2 else 0),
-        left=owner.zeros(vectors, np.complex128),
-        right_real=owner.floats(vectors),
-        right_imag=owner.floats(vectors),
-        a=owner.floats(n, n),
-        real=owner.floats(n),
-        imag=owner.floats(n),
-        vectors=owner.floats(n, n),
-        covectors=owner.floats(n, n),
-        space_size=space,
-        space=owner.floats(space),
-        words=owner.zeros(4, np.int32),
-        letter=owner.zeros(1, np.uint8),
-        routine=int(DGEEV),
-        cluster=_build_cluster(owner, n),
-    )
-    return label(eigen)
-
-
-def _build_cluster(owner: Owner, n: int) -> Cluster:
-    space = zgesvd_space(n)
-    return Cluster(
-        label=owner.zeros(n, np.int64),
-        members=owner.zeros(n, np.int64),
-        overlap=owner.zeros(n * n, np.complex128),
-        balanced=owner.floats(n, n),
-        scale=owner.floats(n),
-        shifted=owner.zeros(n * n, np.complex128),
-        left=owner.zeros(n * n, np.complex128),
-        right=owner.zeros(n * n, np.complex128),
-        singular=owner.floats(n),
-        space_size=space,
-        space=owner.zeros(space, np.complex128),
-        real_space=owner.floats(5 * n),
-        balance=int(DGEBAL),
-        decompose=int(ZGESVD),
+        unknown=setup.unknown,
+        unknown_count=setup.unknown_count,
+        initial=setup.initial,
+        record=owner.floats(net.width),
+        rate=owner.floats(n),
+        bar_rate=owner.floats(q),
+        tangent_shown=owner.floats(0 if setup.plain else setup.channels, columns),
     )

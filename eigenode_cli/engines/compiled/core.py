@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from eigenode_cli.engines.compiled.bars import Bars
+from eigenode_cli.engines.compiled.drive import Drive
 from eigenode_cli.engines.compiled.mlp import Net
 from eigenode_cli.engines.compiled.spectrum import Eigen
 from eigenode_cli.engines.compiled.stepper import Method
@@ -19,8 +20,12 @@ class Setup(NamedTuple):
         outputs, rows, pair_count: N, T, K; `measured` the number of measured values.
         times: data times `(N,)`.
         start: initial state `(n,)`; its unknown entries are filled from theta.
-        unknown, unknown_count: indices of these entries; their parameters are the last ones.
-        data, mask: observations `(N, n)`.
+        unknown, unknown_count: indices of these entries; their parameters stand at `initial` in theta.
+        channels: C, what is measured at a time: n states, or these and their n derivatives.
+        data, mask: observations `(N, C)`.
+        offset, offset_count: channels with a trained offset; their parameters are the last ones.
+        plain: whether the channels are the states themselves: no derivative, no offset.
+        driven: the inputs at the data times `(N, k)`.
         indices: data times at which spectra are taken `(T,)`.
         references: states of the data there `(T, n)`, at which a failed solve takes the spectral terms as well.
         limit: moduli of the states up to which it takes them at the states that it reached `(n,)`.
@@ -38,8 +43,14 @@ class Setup(NamedTuple):
     start: int
     unknown: int
     unknown_count: int
+    initial: int
+    channels: int
     data: int
     mask: int
+    offset: int
+    offset_count: int
+    plain: bool
+    driven: int
     indices: int
     references: int
     limit: int
@@ -69,7 +80,8 @@ class Work(NamedTuple):
         bar_x: cotangents of the states of a block `(n, columns)`.
         scratch: of the pullback of a block.
         slopes: of the terms in the eigenvalues `(L, T, n)`, or `(L, 2 T, n)` after a failed solve.
-        solution_slope: of SOL in the trajectory `(N, n)`; `user_slopes` of the user's terms `(U, N, n)`.
+        states, shown: trajectory `(N, n)`, and what the model says of the channels `(N, C)` where these are not it.
+        solution_slope: of SOL in the channels `(N, C)`; `user_slopes` of the user's terms `(U, N, n)`.
         compared: at how many spectra each term had something to compare `(L,)`.
         square: value of one term at one spectrum with squares as errors `(1,)`; `squares` their codes `(6,)`.
         partner, match: of the terms `(n,)`.
@@ -88,6 +100,8 @@ class Work(NamedTuple):
     bar_x: int
     scratch: int
     slopes: int
+    states: int
+    shown: int
     solution_slope: int
     user_slopes: int
     compared: int
@@ -104,6 +118,7 @@ class Core(NamedTuple):
 
     net: Net
     batch: Net
+    drive: Drive
     method: Method
     eigen: Eigen
     bars: Bars

@@ -21,7 +21,6 @@ from eigenode_cli.engines.compiled import kernel
 from eigenode_cli.engines.compiled.buffers import (
     FIRST_CAPACITY,
     NO_STEPS,
-    Owner,
     Room,
     build_core,
     given_steps,
@@ -30,6 +29,7 @@ from eigenode_cli.engines.compiled.buffers import (
 )
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED
 from eigenode_cli.engines.compiled.mlp import MlpShape
+from eigenode_cli.engines.compiled.owner import Owner
 from eigenode_cli.engines.compiled.ready import Kernels
 from eigenode_cli.engines.compiled.residuals import CompiledResiduals
 from eigenode_cli.engines.problem import Problem
@@ -83,9 +83,9 @@ class CompiledEngine:
         self._core, self._shared = build_core(
             self._owner, shape, problem, self._method, len(problem.terms), len(self._own), self._forward_way
         )
-        self._times = problem.data.times
-        self._spectra_shape = (problem.spectral_index.size, shape.sizes[0])
-        self._given = given_steps(self._step, self._times)
+        self._times, self._drive = problem.data.times, problem.data.drive
+        self._spectra_shape = (problem.spectral_index.size, shape.states)
+        self._given = given_steps(self._step, self._times, problem.data.drive)
         self._room = self._make_room(self._given.size or min(FIRST_CAPACITY, self._method.max_steps))
         self._dense_room: Room | None = None
         self._kernels = Kernels(self._signature, announce)
@@ -215,7 +215,7 @@ class CompiledEngine:
 
         Returns how it ended, and the states `(D, n)` at `outputs (1 + D,)` but for the first, the initial state's.
         """
-        given, dense = given_steps(self._step, outputs), np.empty((outputs.size, self._core.net.n))
+        given, dense = given_steps(self._step, outputs, self._drive), np.empty((outputs.size, self._core.net.n))
         while True:
             room = self._room_of(outputs.size, given.size)
             status, ending = kernel.evaluate(
@@ -305,7 +305,8 @@ class CompiledEngine:
     def _checked(self, steps: Floats) -> Floats:
         given = np.array(steps, dtype=np.float64)
         horizon = self._times[-1] - self._times[0]
-        if given.ndim != 1 or not (given > 0.0).all() or not abs(given.sum() - horizon) <= 1e-9 * horizon:
+        smallest = np.nextafter(0.0, 1.0) if self._drive is None else 0.0  # none of no length, but behind jumps
+        if given.ndim != 1 or not (given >= smallest).all() or not abs(given.sum() - horizon) <= 1e-9 * horizon:
             raise ValueError(f"steps must be positive and add up to the horizon of {horizon} s")
         return given
 
@@ -332,5 +333,5 @@ def _check(shape: MlpShape, problem: Problem, missing: set[str], sensitivity: st
         raise ValueError(f"terms {', '.join(sorted(missing))}: not of {', '.join(NAMES)}, and no user terms")
     if sensitivity not in SENSITIVITIES:
         raise ValueError(f"sensitivity={sensitivity}: choose from {', '.join(SENSITIVITIES)}")
-    if problem.data.states != shape.sizes[0]:
-        raise ValueError(f"the data has {problem.data.states} states, the network {shape.sizes[0]}")
+    if problem.data.states != shape.states:
+        raise ValueError(f"the data has {problem.data.states} states, the network {shape.states}")

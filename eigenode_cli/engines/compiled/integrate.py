@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from eigenode_cli.engines.compiled.algebra import all_finite, clear, copy
+from eigenode_cli.engines.compiled.drive import enter_pieces, next_knot, start_drive
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
 from eigenode_cli.engines.compiled.mlp import evaluate_field
 from eigenode_cli.engines.compiled.stepper import accept, attempt, interpolate
@@ -13,18 +14,23 @@ from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
 
 OK, UNDERFLOW, MAX_STEPS, NON_FINITE, UNSOLVED = (int(status) for status in Status)
+ON_KNOT = 1e-6
+"""A given step ends at a knot if it comes this near to it, relative to its size."""
 FULL = -1
 """Not a status: there is no room to record another step, the caller makes some and starts again."""
 
 
 @njit_inner
-def integrate(net, method, steps, given_count, given, start, count, times, states):
+def integrate(net, drive, method, steps, given_count, given, start, count, times, states):
     """Solve from `start (n,)` at `times[0]` to `times[-1]`, with interpolated outputs at all `times (count,)`.
 
+    No step goes over the start of a piece of the input. Where an input jumps, a step of no length evaluates the field
+    once more at the same state, so that the next step starts from the right derivative.
+
     Args:
-        net, method, steps: field, tableau with tolerances, record to be filled.
-        given_count, given: step sizes to be taken as they are, the last one ending at `times[-1]`; none for adaptive
-            steps.
+        net, drive, method, steps: field, input, tableau with tolerances, record to be filled.
+        given_count, given: step sizes to be taken as they are, those of no length too, the last one ending at
+            `times[-1]`; none for adaptive steps.
         start: initial state `(n,)`.
         count, times: output times `(N,)` in s, ascending.
         states: filled with the outputs `(N, n)`, NaN where the solve did not arrive.
@@ -35,6 +41,7 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     n = net.n
     x, first = doubles(steps.x, 0), doubles(steps.k, 0)
     known = _start(method, n, steps, start, count, times, states)
+    start_drive(drive, times[0])
     evaluate_field(net, x, doubles(steps.record, 0), first)
     if not all_finite(n, first):
         return NON_FINITE, 0, 0, known
@@ -44,6 +51,7 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
     accepted, rejected, reached = np.int64(0), np.int64(0), known  # literals would compile what they enter twice
     last_ratio, ratio = SMALLEST_RATIO, 0.0
     while t < end:
+        jumped = enter_pieces(drive, t)
         if adaptive:
             status = _stuck(method, t, h, accepted + rejected, ratio)
             ending = t + h >= end
@@ -56,9 +64,9 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
             return status, accepted, rejected, reached
         if accepted == steps.capacity:
             return FULL, accepted, rejected, reached
-        ratio = attempt(net, method, steps, h, accepted)
+        wanted, h, after, ending = _until_knot(drive, t, h, end, ending, jumped, adaptive)
+        ratio = attempt(net, drive, method, steps, t, h, accepted)
         if ratio <= 1.0 or (not adaptive and ratio < math.inf):
-            after = end if ending else t + h
             reached = interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
             doubles(steps.size, 0)[accepted] = h
             accepted += 1
@@ -66,9 +74,29 @@ def integrate(net, method, steps, given_count, given, start, count, times, state
             accept(n, method, steps)
         else:
             rejected += int(adaptive)  # a given step that fails ends the solve
-        h = next_step(h, ratio, last_ratio, method.order)
-        last_ratio = max(ratio, SMALLEST_RATIO) if ratio <= 1.0 else last_ratio
+        if h < wanted and ratio <= 1.0:  # a step that was cut short says nothing against the size that was wanted
+            h = max(wanted, next_step(h, ratio, last_ratio, method.order))
+        else:
+            h = next_step(h, ratio, last_ratio, method.order)
+            last_ratio = max(ratio, SMALLEST_RATIO) if ratio <= 1.0 else last_ratio
     return OK, accepted, rejected, reached
+
+
+@njit_inner
+def _until_knot(drive, t, h, end, ending, jumped, adaptive):
+    """Cut a step short at the next knot of the input, or to nothing where an input has just jumped.
+
+    Returns:
+        The size that was wanted, the size of the step, the time at its end, whether that is the end of the solve.
+    """
+    if adaptive and jumped:
+        return h, 0.0, t, False
+    after, knot = end if ending else t + h, next_knot(drive)
+    if adaptive and knot < after:
+        return h, knot - t, knot, False
+    if not adaptive and abs(after - knot) <= ON_KNOT * h:  # sums of steps meet a knot to rounding
+        after = knot
+    return h, h, after, ending
 
 
 @njit_inner

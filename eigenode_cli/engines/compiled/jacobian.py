@@ -31,7 +31,7 @@ def scratch_rows(net: Net) -> int:
 
 @njit_inner
 def evaluate_block(net, columns, record):
-    """Fill `record (net.width, columns)` but for its leading n rows, which hold the scaled states."""
+    """Fill `record (net.width, columns)` but for its leading n + k rows, which hold scaled states and inputs."""
     for level in range(net.last):
         inputs, outputs, above = layer(net, level)[INPUTS], layer(net, level)[OUTPUTS], layer(net, level + 1)
         weights, bias = doubles(net.theta, layer(net, level)[WEIGHT]), doubles(net.theta, layer(net, level)[BIAS])
@@ -106,7 +106,7 @@ def jacobian_block(net, columns, tangents, a):
             for t in range(columns):
                 row[t] *= scale_out[o]
             if net.field > net.network:
-                entry = doubles(net.theta, net.network + o * net.n + k)[0]
+                entry = doubles(net.theta, net.network + o * (net.n + net.k) + k)[0]
                 for t in range(columns):
                     row[t] += entry
 
@@ -130,8 +130,10 @@ def pull_back_block(net, columns, record, tangents, bar_a, bar_x, packed, scratc
     here, there = scratch, shift(scratch, n * room + net.widest * columns)
     clear(n * columns, bar_x)
     if net.field > net.network:
-        for i in range(net.m * n):
-            packed[net.network + i] += total(columns, shift(bar_a, i * columns))
+        for o in range(net.m):
+            for i in range(n):
+                entry = net.network + o * (n + net.k) + i
+                packed[entry] += total(columns, shift(bar_a, (o * n + i) * columns))
     _pull_back_output_layer(net, columns, tangents, bar_a, packed, here)
     for level in range(net.last, 0, -1):
         _through_activation(net, columns, level, record, tangents, here)

@@ -11,6 +11,7 @@ import math
 from eigenode_cli.engines.compiled.algebra import any_nonzero, clear, copy
 from eigenode_cli.engines.compiled.bars import gather_rows
 from eigenode_cli.engines.compiled.blocks import pull_back_spectra, take_block
+from eigenode_cli.engines.compiled.channels import add_offsets, pull_back_rates, show_channels
 from eigenode_cli.engines.compiled.core import ACCEPTED, GUARDED, REACHED, REJECTED, SPECTRA, STATUS
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, integrate
 from eigenode_cli.engines.compiled.memory import booleans, carray, complexes, doubles, integers, shift, start_of
@@ -45,7 +46,16 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     status, accepted, rejected, reached = UNSOLVED, 0, 0, 0
     if setup.solved:
         status, accepted, rejected, reached = integrate(
-            core.net, core.method, steps, given.size, start_of(given), start, setup.outputs, times, trajectory
+            core.net,
+            core.drive,
+            core.method,
+            steps,
+            given.size,
+            start_of(given),
+            start,
+            setup.outputs,
+            times,
+            trajectory,
         )
     else:
         states[:, :] = math.nan
@@ -63,7 +73,7 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
 def _initial_state(core):
     """Return the state `(n,)` that the solve starts from, its trained entries taken from theta."""
     start, unknown, count = doubles(core.setup.start, 0), integers(core.setup.unknown, 0), core.setup.unknown_count
-    trained = doubles(core.net.theta, core.net.size - count)
+    trained = doubles(core.net.theta, core.setup.initial)
     for i in range(count):
         start[unknown[i]] = trained[i]
     return start
@@ -118,7 +128,16 @@ def solve(core, steps, given, times, states):
     start = _initial_state(core)
     mirror_weights(core.net)
     return integrate(
-        core.net, core.method, steps, given.size, start_of(given), start, times.size, start_of(times), start_of(states)
+        core.net,
+        core.drive,
+        core.method,
+        steps,
+        given.size,
+        start_of(given),
+        start,
+        times.size,
+        start_of(times),
+        start_of(states),
     )[0]
 
 
@@ -163,12 +182,13 @@ def _evaluate_terms(core, codes, values, states):
         carray(integers(work.compared, 0), (codes.size,)),
         (carray(integers(work.partner, 0), (n,)), carray(integers(work.match, 0), (n,))),
     )
-    shape = (setup.outputs, n)
+    shape = (setup.outputs, setup.channels)
     data, mask = carray(doubles(setup.data, 0), shape), carray(booleans(setup.mask, 0), shape)
     slope = carray(doubles(work.solution_slope, 0), shape)
     for term in range(codes.size):
         if codes[term] == SOL:
-            values[term] = sol(states, data, mask, errors[SOL], setup.delta, slope)
+            shown = carray(show_channels(core, start_of(states)), shape)
+            values[term] = sol(shown, data, mask, errors[SOL], setup.delta, slope)
         elif codes[term] < 0 or counted == 0:
             values[term] = math.nan
         if failed and (codes[term] == SOL or not setup.stabilise):
@@ -194,12 +214,16 @@ def pull_back(core, steps, codes, forward_way, values, gradients):
     channel = integers(work.channel, 0)
     for number in range(work.blocks * (outcome[SPECTRA] // setup.rows)):
         pull_back_spectra(core, codes.size, channels, number)
+    if outcome[STATUS] == OK and setup.channels > net.n:
+        pull_back_rates(core, codes, channels)
     if outcome[STATUS] == OK and forward_way:
         forward_sensitivities(net, core.method, steps, bars, channels, setup.outputs)
     elif outcome[STATUS] == OK:
         adjoint(net, core.method, steps, bars, channels, setup.outputs)
     gather_rows(net, bars, channels)
     for term in range(codes.size):
+        if codes[term] == SOL and channel[term] >= 0 and not setup.plain:
+            add_offsets(core, doubles(bars.packed, channel[term] * net.size))
         if channel[term] < 0:
             gradients[term, :] = math.nan if math.isnan(values[term]) else 0.0
         else:
@@ -219,7 +243,8 @@ def _open_channels(core, codes, values):
     net, setup, work, bars = core.net, core.setup, core.work, core.bars
     channel, count, channels = integers(work.channel, 0), integers(work.outcome, 0)[SPECTRA], 0
     for term in range(codes.size):
-        along = codes[term] <= SOL and any_nonzero(setup.outputs * net.n, _trajectory_slope(core, codes[term]))
+        width = setup.channels if codes[term] == SOL else net.n
+        along = codes[term] <= SOL and any_nonzero(setup.outputs * width, _trajectory_slope(core, codes[term]))
         slopes = doubles(work.slopes, 2 * term * count * net.n)
         opened = not math.isnan(values[term]) and (along or any_nonzero(2 * count * net.n, slopes))
         channel[term] = channels if opened else -1
@@ -228,15 +253,15 @@ def _open_channels(core, codes, values):
     clear(setup.outputs * channels * net.n, doubles(bars.states, 0))
     for term in range(codes.size):
         if channel[term] >= 0 and codes[term] <= SOL:
-            slope = _trajectory_slope(core, codes[term])
+            slope, width = _trajectory_slope(core, codes[term]), setup.channels if codes[term] == SOL else net.n
             for j in range(setup.outputs):
-                copy(net.n, shift(slope, j * net.n), doubles(bars.states, (j * channels + channel[term]) * net.n))
+                copy(net.n, shift(slope, j * width), doubles(bars.states, (j * channels + channel[term]) * net.n))
     return channels
 
 
 @njit_inner
 def _trajectory_slope(core, code):
-    """Slope in the trajectory `(N, n)` of SOL or, for a negative code, of one of the user's terms."""
+    """Slope of SOL in the channels `(N, C)` or, for a negative code, of one of the user's terms in the trajectory."""
     if code == SOL:
         return doubles(core.work.solution_slope, 0)
     return doubles(core.work.user_slopes, (-1 - code) * core.setup.outputs * core.net.n)

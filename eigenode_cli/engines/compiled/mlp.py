@@ -28,13 +28,14 @@ class MlpShape:
     """What is fixed of a vector field `dx/dt = f(x; theta)`; theta is flat in the order of torch's parameters.
 
     Attributes:
-        sizes: dimensions of input n, hidden layers, output m.
+        sizes: dimensions of input n + k, hidden layers, output m.
         activation: of the hidden layers, one of `activations.ACTIVATIONS`; the output layer is linear.
         structure: `second_order` (n = 2 m, the second half of the state is the derivative of the first and the
             network gives the derivative of the second) or `full` (m = n).
-        input_scale: factors of the states `(n,)`.
+        input_scale: factors of the states and then of the inputs `(n + k,)`.
         output_scale: factors of the outputs `(m,)`.
-        linear: whether a matrix `(m, n)`, behind the network in theta, is multiplied with the state and added.
+        linear: whether a matrix `(m, n + k)`, behind the network in theta, is multiplied with both and added.
+        inputs: number k of the inputs `u(t)`.
     """
 
     sizes: tuple[int, ...]
@@ -43,20 +44,26 @@ class MlpShape:
     input_scale: Floats
     output_scale: Floats
     linear: bool = False
+    inputs: int = 0
 
     def __post_init__(self) -> None:
         if len(self.sizes) < 2 or min(self.sizes) < 1:
             raise ValueError(f"sizes={self.sizes}: an input and an output are needed, each at least 1")
         if self.activation not in ACTIVATIONS:
             raise ValueError(f"activation={self.activation}: choose from {', '.join(ACTIVATIONS)}")
-        n, m = self.sizes[0], self.sizes[-1]
+        n, m = self.states, self.sizes[-1]
         outputs = {"second_order": n // 2 if n % 2 == 0 else -1, "full": n}
         if self.structure not in outputs:
             raise ValueError(f"structure={self.structure}: choose from {', '.join(outputs)}")
         if m != outputs[self.structure]:
             raise ValueError(f"structure={self.structure}: {n} states and {m} outputs do not fit")
-        if self.input_scale.shape != (n,) or self.output_scale.shape != (m,):
-            raise ValueError(f"scales must have the shapes ({n},) and ({m},)")
+        if self.input_scale.shape != self.sizes[:1] or self.output_scale.shape != (m,):
+            raise ValueError(f"scales must have the shapes ({self.sizes[0]},) and ({m},)")
+
+    @property
+    def states(self) -> int:
+        """Number of states n."""
+        return self.sizes[0] - self.inputs
 
     @property
     def parameters(self) -> int:
@@ -75,11 +82,13 @@ class Net(NamedTuple):
     Attributes:
         layers: address of the layer table `(last + 1, COLUMNS)` int64.
         last: index of the output layer.
-        n, m, size: number of states, outputs, and of all parameters, those of unknown initial values included.
-        network, field: number of the network's parameters, which come first; and with the linear part's, `(m, n)` row
-            by row, behind them. Equal where there is no linear part.
+        n, k, m, size: number of states, inputs, outputs, and of all parameters, those of unknown initial values and
+            offsets included.
+        network, field: number of the network's parameters, which come first; and with the linear part's, `(m, n + k)`
+            row by row, behind them. Equal where there is no linear part.
         activation: its code.
-        scale_in, scale_out: addresses of the scales `(n,)` and `(m,)`.
+        scale_in, scale_out: addresses of the scales `(n + k,)` and `(m,)`.
+        drive: address of the inputs' present values `(k,)`, which `drive.set_drive` sets.
         theta, mirror: addresses of the parameters `(size,)`, and of the same with every weight matrix transposed.
         width: doubles that one evaluation leaves in a record, or rows that a block of them leaves.
         widest: the longest of all layers, in whole cache lines; `hidden` the longest of the hidden ones.
@@ -89,6 +98,7 @@ class Net(NamedTuple):
     layers: int
     last: int
     n: int
+    k: int
     m: int
     size: int
     network: int
@@ -96,6 +106,7 @@ class Net(NamedTuple):
     activation: int
     scale_in: int
     scale_out: int
+    drive: int
     theta: int
     mirror: int
     width: int
@@ -119,7 +130,7 @@ def layer_table(shape: MlpShape, blocks: bool) -> NDArray[np.int64]:
         table[level] = [inputs, outputs, parameter, parameter + inputs * outputs, *places, tangent]
         parameter += (inputs + 1) * outputs
         at += stride * (1 if level == 0 else 3 if blocks else 2)
-        tangent += 0 if level == 0 else 2 * shape.sizes[0] * inputs
+        tangent += 0 if level == 0 else 2 * shape.states * inputs
     return table
 
 
@@ -129,15 +140,24 @@ def build_net(
     table: NDArray[np.int64],
     scales: tuple[Floats, Floats],
     memory: tuple[Floats, Floats],
+    drive: int,
 ) -> Net:
-    """Return the net of a shape on the caller's buffers: layer table, scales, and room for theta and mirror `(P,)`."""
+    """Return the net of a shape on the caller's buffers.
+
+    Args:
+        shape, blocks: of the field, and whether the net is that of blocks.
+        table, scales: layer table and scales.
+        memory: room for theta and mirror `(P,)`.
+        drive: address of the inputs' present values.
+    """
     hidden = shape.sizes[1:-1]
     stride = list(hidden) if blocks else [whole_lines(size) for size in hidden]
     first = shape.sizes[0] if blocks else whole_lines(shape.sizes[0])
     return Net(
         layers=address(table),
         last=len(table) - 1,
-        n=shape.sizes[0],
+        n=shape.states,
+        k=shape.inputs,
         m=shape.sizes[-1],
         size=memory[0].size,
         network=shape.network_parameters,
@@ -145,12 +165,13 @@ def build_net(
         activation=ACTIVATIONS[shape.activation],
         scale_in=address(scales[0]),
         scale_out=address(scales[1]),
+        drive=drive,
         theta=address(memory[0]),
         mirror=address(memory[1]),
         width=first + (3 if blocks else 2) * sum(stride),
         widest=whole_lines(max(shape.sizes)),
         hidden=max(hidden, default=0),
-        tangents=2 * shape.sizes[0] * sum(hidden),
+        tangents=2 * shape.states * sum(hidden),
     )
 
 
@@ -189,12 +210,14 @@ def unpack_gradient(net, packed, gradient):
 
 @njit_inner
 def evaluate_field(net, x, record, rate):
-    """Fill `rate (n,)` with `f(x)` for the state `x (n,)`, and `record (net.width,)` with what its derivatives need."""
-    n, m = net.n, net.m
-    scale_in, scale_out = doubles(net.scale_in, 0), doubles(net.scale_out, 0)
+    """Fill `rate (n,)` with `f(x, u)` at the state `x (n,)`, and `record (net.width,)` with what derivatives need."""
+    n, k, m = net.n, net.k, net.m
+    scale_in, scale_out, drive = doubles(net.scale_in, 0), doubles(net.scale_out, 0), doubles(net.drive, 0)
     u = record
     for i in range(n):
         u[i] = x[i] * scale_in[i]
+    for i in range(k):
+        u[n + i] = drive[i] * scale_in[n + i]
     for level in range(net.last):
         size, above = layer(net, level)[OUTPUTS], layer(net, level + 1)
         z, slope = shift(record, above[VALUE]), shift(record, above[SLOPE])
@@ -210,7 +233,9 @@ def evaluate_field(net, x, record, rate):
         linear = doubles(net.theta, net.network)
         for o in range(m):
             for i in range(n):
-                y[o] += linear[o * n + i] * x[i]
+                y[o] += linear[o * (n + k) + i] * x[i]
+            for i in range(k):
+                y[o] += linear[o * (n + k) + n + i] * drive[i]
     for i in range(lead):
         rate[i] = x[m + i]
 
@@ -264,9 +289,14 @@ def pull_back_outputs(net, record, seed, bar_x, packed, scratch):
 
 @njit_inner
 def _pull_back_linear(net, record, seed, bar_x, packed):
-    """Add the pullback of the outputs' cotangent `seed (m,)` through the linear part; `record` holds scaled states."""
-    n, linear, scale_in = net.n, doubles(net.theta, net.network), doubles(net.scale_in, 0)
+    """Add the pullback of the outputs' cotangent `seed (m,)` through the linear part.
+
+    `record` holds scaled states and inputs.
+    """
+    n, width, scale_in = net.n, net.n + net.k, doubles(net.scale_in, 0)
+    linear = doubles(net.theta, net.network)
     for o in range(net.m):
         for i in range(n):
-            bar_x[i] += linear[o * n + i] * seed[o]
-            packed[net.network + o * n + i] += seed[o] * record[i] / scale_in[i]
+            bar_x[i] += linear[o * width + i] * seed[o]
+        for i in range(width):
+            packed[net.network + o * width + i] += seed[o] * record[i] / scale_in[i]

@@ -71,10 +71,10 @@ def _add_first_outputs(net, steps, bars, channels, outputs):
 @njit_inner
 def _add_initial_state(net, bars, channels, bar_x):
     """Add cotangents of the initial state `(C n,)` to the gradients of its trained entries."""
-    unknown, count = integers(bars.unknown, 0), bars.unknown_count
+    unknown = integers(bars.unknown, 0)
     for c in range(channels):
-        gradient = doubles(bars.packed, (c + 1) * net.size - count)
-        for i in range(count):
+        gradient = doubles(bars.packed, c * net.size + bars.initial)
+        for i in range(bars.unknown_count):
             gradient[i] += bar_x[c * net.n + unknown[i]]
 
 

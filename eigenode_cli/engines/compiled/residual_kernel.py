@@ -8,6 +8,7 @@ sensitivities: one Jacobian of the solution, carried along the recorded steps, g
 import math
 
 from eigenode_cli.engines.compiled.algebra import add_rows, all_finite, any_nonzero, clear
+from eigenode_cli.engines.compiled.channels import push_channels, show_channels
 from eigenode_cli.engines.compiled.integrate import OK
 from eigenode_cli.engines.compiled.jacobian import pull_back_block, push_tangents
 from eigenode_cli.engines.compiled.kernel import forward
@@ -38,7 +39,7 @@ def residual_jacobian(core, steps, given, codes, differentiated, values, states,
     first = 0
     for term in range(codes.size):
         if codes[term] == SOL:
-            first = _solution_residuals(core, states, residuals, first)
+            first = _solution_residuals(core, start_of(states), residuals, first)
         else:
             first = _spectral_residuals(core, codes, term, residuals, first)
     if differentiated:
@@ -49,13 +50,13 @@ def residual_jacobian(core, steps, given, codes, differentiated, values, states,
 @njit_inner
 def _solution_residuals(core, states, residuals, first):
     """Fill those of SOL from row `first` on; returns the row behind them."""
-    setup, n = core.setup, core.net.n
-    data, mask = doubles(setup.data, 0), carray(booleans(setup.mask, 0), (setup.outputs * n,))
-    for j in range(setup.outputs):
-        for i in range(n):
-            if mask[j * n + i]:
-                residuals[first] = states[j, i] - data[j * n + i]
-                first += 1
+    setup, count = core.setup, core.setup.outputs * core.setup.channels
+    data, mask = doubles(setup.data, 0), carray(booleans(setup.mask, 0), (count,))
+    shown = show_channels(core, states)
+    for i in range(count):
+        if mask[i]:
+            residuals[first] = shown[i] - data[i]
+            first += 1
     return first
 
 
@@ -123,17 +124,17 @@ def _enter_output(core, codes, output, row, spectrum, here, residuals, jacobian)
 
     Returns the numbers of SOL's next row among its own, and of the next spectrum.
     """
-    net, setup, n = core.net, core.setup, core.net.n
-    mask, indices = carray(booleans(setup.mask, 0), (setup.outputs * n,)), integers(setup.indices, 0)
+    net, setup, channels = core.net, core.setup, core.setup.channels
+    mask, indices = carray(booleans(setup.mask, 0), (setup.outputs * channels,)), integers(setup.indices, 0)
     taken = spectrum < setup.rows and indices[spectrum] == output
     before, next_row = 0, row
     for term in range(codes.size):
         if codes[term] == SOL:
-            next_row = row
-            for i in range(n):
-                if mask[output * n + i]:
+            next_row, shown = row, push_channels(core, output, here)
+            for i in range(channels):
+                if mask[output * channels + i]:
                     gradient = shift(start_of(jacobian), (before + next_row) * net.size)
-                    unpack_gradient(net, shift(here, i * net.size), gradient)
+                    unpack_gradient(net, shift(shown, i * net.size), gradient)
                     next_row += 1
             before += setup.measured
         else:

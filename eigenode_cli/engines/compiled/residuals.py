@@ -11,7 +11,6 @@ from eigenode_cli.engines.base import ResidualJacobian, residual_rows, unheard
 from eigenode_cli.engines.compiled.buffers import (
     FIRST_CAPACITY,
     NO_STEPS,
-    Owner,
     Room,
     build_core,
     given_steps,
@@ -22,6 +21,7 @@ from eigenode_cli.engines.compiled.core import ACCEPTED
 from eigenode_cli.engines.compiled.integrate import FULL
 from eigenode_cli.engines.compiled.memory import LINE
 from eigenode_cli.engines.compiled.mlp import MlpShape
+from eigenode_cli.engines.compiled.owner import Owner
 from eigenode_cli.engines.compiled.ready import Kernels
 from eigenode_cli.engines.compiled.residual_kernel import residual_jacobian
 from eigenode_cli.engines.problem import Problem
@@ -45,7 +45,7 @@ class CompiledResiduals:
         self._problem = problem
         self._owner = Owner()
         self._method, step = solver_method(self._owner, problem.solver)
-        self._given = given_steps(step, problem.data.times)
+        self._given = given_steps(step, problem.data.times, problem.data.drive)
         self._codes = term_codes(problem.terms)
         self._core, self._shared = build_core(
             self._owner, shape, problem, self._method, len(problem.terms), 0, True, columns=LINE

@@ -13,6 +13,7 @@ import numpy as np
 
 from eigenode_cli.engines.compiled.algebra import add_scaled, all_finite, clear, combine, copy
 from eigenode_cli.engines.compiled.bars import pull_back_field, push_field, start_sensitivities
+from eigenode_cli.engines.compiled.drive import set_drive
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
 from eigenode_cli.engines.compiled.mlp import evaluate_field
 from eigenode_cli.jit import njit_inner
@@ -24,6 +25,7 @@ class Method(NamedTuple):
     Attributes:
         stages, order: number of stages s, and order of the solution.
         a, transposed: stage coefficients `(s, s)` and their transpose.
+        nodes: times of the stages `(s,)`, as fractions of the step.
         error, dense: weights `(s,)` and `(s, 4)`, as in `solve.tableau.Tableau`.
         rtol, atol, max_steps: of the controller; not read where steps are given.
     """
@@ -32,6 +34,7 @@ class Method(NamedTuple):
     order: int
     a: int
     transposed: int
+    nodes: int
     error: int
     dense: int
     rtol: float
@@ -66,8 +69,8 @@ class Steps(NamedTuple):
 
 
 @njit_inner
-def attempt(net, method, steps, h, step):
-    """One trial step of size `h`: fills stages 1 ... s-1, their records, and `steps.trial`.
+def attempt(net, drive, method, steps, t, h, step):
+    """One trial step of size `h` from time `t`: fills stages 1 ... s-1, their records, and `steps.trial`.
 
     Returns the error in units of the tolerance, infinite if the trial is not finite.
     """
@@ -76,6 +79,7 @@ def attempt(net, method, steps, h, step):
     for j in range(1, stages):
         combine(n, j, x, h, doubles(method.a, j * stages), k, trial)
         record = doubles(steps.record, (step * (stages - 1) + j) * steps.width)
+        set_drive(drive, t + doubles(method.nodes, j)[0] * h)
         evaluate_field(net, trial, record, shift(k, j * n))
     clear(n, error)
     combine(n, stages, error, h, doubles(method.error, 0), k, error)

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from eigenode_cli.engines.compiled.buffers import Owner, build_eigen
 from eigenode_cli.engines.compiled.memory import complexes, doubles, start_of
+from eigenode_cli.engines.compiled.owner import Owner
 from eigenode_cli.engines.compiled.spectrum import (
     pull_back_closed_forms,
     pull_back_spectrum,
     take_closed_forms,
     take_spectrum,
 )
+from eigenode_cli.engines.compiled.spectrum_buffers import build_eigen
 from eigenode_cli.jit import njit
 from eigenode_cli.spectra.pairs import rounding_levels
 
