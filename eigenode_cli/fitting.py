@@ -99,7 +99,7 @@ class _Memory:
 
     def record(self, row: dict[str, Any]) -> None:
         """See `training.trainer.Recorder.record`."""
-        self.rows.append({name: value for name, value in row.items() if name != "dense_error"})
+        self.rows.append({name: value for name, value in row.items() if name not in ("dense_error", "test_error")})
 
     def checkpoint(self, step: int, network: dict[str, Any]) -> Path:
         """See `training.trainer.Recorder.checkpoint`; there is none."""

@@ -14,18 +14,25 @@ import torch
 
 from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.batch import run as runner
-from eigenode_cli.config.build import build_truth
+from eigenode_cli.config.build import build_source, build_truth
 from eigenode_cli.config.check import examine, normalise
 from eigenode_cli.config.compose import restore, run_config, typed
 from eigenode_cli.config.composer import Composer, keep_composition
+from eigenode_cli.config.outline import shape_of
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.config.warm_start import empty_field, load_field
+from eigenode_cli.config.table_schema import TableConfig
+from eigenode_cli.config.warm_start import INITIAL_STATE, empty_field, load_field
+from eigenode_cli.data.dataset import Series
+from eigenode_cli.data.scaling import Scaling
+from eigenode_cli.data.source import Source
 from eigenode_cli.model import VectorField
+from eigenode_cli.model.scaled import ScaledField
 from eigenode_cli.reporting.figures import draw_figure, figures_of
 from eigenode_cli.runs.paths import claim_folder, importable, new_folder, run_folder
 from eigenode_cli.runs.reader import Run, open_run
 from eigenode_cli.runs.runfile import RUN, RecordError, config_dirs, read_record
-from eigenode_cli.solve.settings import AdaptiveSolver
+from eigenode_cli.solve.drive import Drive
+from eigenode_cli.solve.settings import AdaptiveSolver, Solver
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.jacobian import jacobian
@@ -81,10 +88,27 @@ class RecordedRun:
         return open_run(self.folder)
 
     @cached_property
-    def _model(self) -> tuple[VectorField, Floats | None]:
-        """The learned field with the weights of the result, and the trained entries of its initial state."""
+    def _model(self) -> tuple[VectorField, dict[str, Floats]]:
+        """The learned field in internal units with the weights of the result, and what else was trained."""
         field = empty_field(self.config)
         return field, load_field(field, str(self.folder))
+
+    @cached_property
+    def scaling(self) -> Scaling:
+        """Internal units of the run; ones where the data were simulated."""
+        units = self.record.get("system", {}).get("scaling")
+        if units is None:
+            return Scaling.none(*shape_of(self.config.system))
+        return Scaling(float(units["time"]), np.array(units["states"]), np.array(units["inputs"]))
+
+    @cached_property
+    def source(self) -> Source:
+        """Where its data come from; tables are read again.
+
+        Raises:
+            UserError: a table is gone, or can't be read any more.
+        """
+        return build_source(self.config)
 
     @cached_property
     def metrics(self) -> pd.DataFrame:
@@ -112,30 +136,50 @@ class RecordedRun:
         except (OSError, ValueError) as error:
             raise RecordError(f"{self.folder / name}: cannot be read ({error})") from error
 
-    def field(self, step: int | None = None) -> VectorField:
-        """Return the learned vector field, with the weights of the result or of the checkpoint of a training step.
+    def field(self, step: int | None = None) -> VectorField | ScaledField:
+        """Return the learned vector field in the user's units.
+
+        Args:
+            step: of the checkpoint whose weights it has; None for those of the result.
 
         Raises:
             UserError: there is no such checkpoint.
         """
         field = empty_field(self.config)
         load_field(field, str(self.folder), step)
-        return field
+        return ScaledField(field, self.scaling) if isinstance(self.config.system, TableConfig) else field
 
-    def initial_state(self) -> Floats:
-        """Return the state `(n,)` that the model starts from: what is known, and trained values of the rest."""
-        start, known = np.array(self.config.system.initial_state), self.config.system.initial_known
-        trained = self._model[1]
-        if known is not None and trained is not None:
-            start[[name not in known for name in self.states]] = trained
+    def initial_state(self, trajectory: int = 0) -> Floats:
+        """Return the state `(n,)` that the model starts from: what is known, and trained values of the rest.
+
+        Args:
+            trajectory: which one of several.
+        """
+        system, trained = self.config.system, self._model[1].get(INITIAL_STATE)
+        if isinstance(system, TableConfig):
+            if trained is None:
+                raise RecordError(f"{self.folder}: the checkpoint has no initial state")
+            n = len(self.states)
+            return trained[n * trajectory : n * (trajectory + 1)] * self.scaling.states
+        start = np.array(system.initial_state)
+        if system.initial_known is not None and trained is not None:
+            start[[name not in system.initial_known for name in self.states]] = trained
         return start
 
-    def simulate(self, times: Sequence[float] | Floats, initial_state: Sequence[float] | None = None) -> Floats:
+    def simulate(
+        self,
+        times: Sequence[float] | Floats,
+        initial_state: Sequence[float] | None = None,
+        drive: Drive | None = None,
+        solver: Solver = TIGHT,
+    ) -> Floats:
         """Return the model's states `(D, n)` at ascending `times (D,)` in s, the first one that of the initial state.
 
         Args:
             times: output times.
             initial_state: state `(n,)` at the first of them, by default that of the training.
+            drive: the inputs, by default those of the first trajectory of the training.
+            solver: method and tolerances, in the internal units of measured data.
 
         Raises:
             ValueError: the times are not finite and ascending, or the initial state has another length.
@@ -145,15 +189,26 @@ class RecordedRun:
             raise ValueError(
                 f"initial_state has shape {start.shape}; give one value for each of {', '.join(self.states)}"
             )
-        outputs = torch.from_numpy(np.array(times, dtype=np.float64))
+        instants, scaling, field = np.array(times, dtype=np.float64), self.scaling, self._model[0]
+        if drive is None and field.inputs and self.source.measured is not None:
+            drive = self.source.measured.trajectories[0].series.drive
+        plain = Series(instants, np.tile(start, (instants.size, 1)), start, drive=drive)
+        scaled = scaling.scaled(plain) if isinstance(self.config.system, TableConfig) else plain
         with torch.no_grad():
-            return solve(self._model[0], torch.from_numpy(start), outputs, TIGHT).padded(outputs.numel())
+            found = solve(
+                field,
+                torch.from_numpy(scaled.initial_state),
+                torch.from_numpy(scaled.times),
+                solver,
+                drive=scaled.drive,
+            )
+        return found.padded(instants.size) * scaling.states
 
     def spectra(self, states: Floats) -> Complexes:
         """Return the eigenvalues `(D, n)` in 1/s of the learned field at the states `(D, n)`; NaN where one is NaN."""
         known = np.isfinite(states).all(axis=1)
         values = np.full(states.shape, np.nan, dtype=np.complex128)
-        field = self._model[0]
+        field = self.field()
         method = "symbolic" if field.has_symbolic_jacobian else "autodiff"
         with torch.no_grad():
             values[known] = eigvals(jacobian(field, torch.from_numpy(states[known]), method))[0].numpy()
@@ -173,6 +228,8 @@ class RecordedRun:
             ValueError: the truth cannot be solved, or the initial state has another length.
         """
         system = self.config.system
+        if isinstance(system, TableConfig):
+            raise ValueError("measured data have no truth to compare with; see `predictions`")
         start = list(system.initial_state if initial_state is None else map(float, initial_state))
         times = np.linspace(0.0, system.horizon if horizon is None else horizon, points)
         model = self.simulate(times, None if initial_state is None else start)

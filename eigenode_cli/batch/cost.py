@@ -158,7 +158,7 @@ def _try(config: TrainConfig, steps: int, folder: Path) -> tuple[float, float]:
 def _record_seconds(config: TrainConfig) -> float:
     """Time of a record, the median of a few."""
     setup = run.build(config, lambda _: None)
-    theta, times = flat_parameters(setup.field), np.linspace(0.0, config.system.horizon, run.DENSE)
+    theta, times = flat_parameters(setup.field), np.linspace(0.0, setup.source.horizon, run.DENSE)
     seconds = []
     for _ in range(RECORDS):
         clock = perf_counter()

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from eigenode_cli.config.build import build_method
+from eigenode_cli.config.outline import outline_of
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.warm_start import empty_field
 from eigenode_cli.model import flat_parameters
@@ -47,6 +48,4 @@ def check_saved(config: TrainConfig, folder: Path) -> None:
 
 def _parameters(config: TrainConfig) -> int:
     """Return the number of parameters P of the run."""
-    known = config.system.initial_known
-    unknown = 0 if known is None else len(config.system.initial_state) - len(known)
-    return flat_parameters(empty_field(config)).size + unknown
+    return flat_parameters(empty_field(config)).size + sum(outline_of(config.system).blocks.values())

@@ -18,9 +18,11 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
+from eigenode_cli.batch.measured import measured_description, recorded_units
 from eigenode_cli.batch.resumption import check_saved
 from eigenode_cli.batch.stability import not_stable, stability
 from eigenode_cli.config.build import build_method, build_options, build_schedule, combination
+from eigenode_cli.config.prediction import holdout_of
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 from eigenode_cli.config.setup import Setup, build
 from eigenode_cli.console import Display, QuietDisplay, display
@@ -29,7 +31,7 @@ from eigenode_cli.engines.problem import Problem
 from eigenode_cli.interruption import check
 from eigenode_cli.model import load_flat
 from eigenode_cli.runs.atomic import Reserve, WriteError, write_text
-from eigenode_cli.runs.final_outputs import write_eigenvalues, write_solution
+from eigenode_cli.runs.final_outputs import write_eigenvalues, write_measured, write_solution
 from eigenode_cli.runs.lock import locked
 from eigenode_cli.runs.recorder import Recorder, load_last, write_data, write_json
 from eigenode_cli.runs.runfile import VERSION, resume_command
@@ -141,15 +143,20 @@ def _train(
     Returns:
         How it ended.
     """
-    config, horizon = setup.config, setup.config.system.horizon
+    config, source = setup.config, setup.source
     saved = load_last(folder) if resumed else None
     if saved is not None:  # a kill leaves run.json alone
         record["wall_seconds"] = max(record["wall_seconds"], saved.progress.wall_seconds)
     theta = setup.theta.copy()
     optimizer = build_optimizer(build_method(config), theta.size, setup.blocks["network"].stop, build_schedule(config))
-    dense_times = np.linspace(0.0, horizon, DENSE)
-    recorder = Recorder(folder, setup.names, setup.truth.states(dense_times)[:, 0], tuple(optimizer.records))
-    write_data(folder, setup.dataset)
+    dense_times = source.dataset.series[0].times[0] + np.linspace(0.0, source.horizon, DENSE)
+    truth = None if source.truth is None else source.truth.states(dense_times)[:, 0]
+    recorder = Recorder(folder, setup.names, truth, tuple(optimizer.records), recorded_units(setup))
+    holdout = holdout_of(setup)
+    if holdout is None:
+        write_data(folder, setup.dataset)
+    else:
+        write_measured(folder, source)
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
     done = 0 if saved is None else saved.progress.step
     shown = shown or display(label, done, config.trainer.steps)
@@ -168,6 +175,7 @@ def _train(
         network=setup.tensors,
         progress=Progress(),
         zero_sol=_sol_of_zero(setup.problem),
+        tested=holdout.error if holdout is not None and holdout.held_out else None,
         wall=partial(_elapsed, record["wall_seconds"] - start),
     )
     if saved is not None:
@@ -180,8 +188,10 @@ def _train(
         recorder.close()
         record |= _account(trainer, setup)
     load_flat(setup.field, theta)
-    write_solution(folder, setup.truth, setup.engine, theta, config.system.horizon)
-    write_eigenvalues(folder, setup.field, setup.engine, theta, setup.problem, setup.target)
+    write_solution(folder, source, setup.engine, theta)
+    write_eigenvalues(folder, source, setup.field, setup.engine, theta, setup.problem, setup.target)
+    if holdout is not None:
+        write_measured(folder, source, holdout.predictions(theta))
     record |= {"final": last, "summary": summary(last, trainer.progress), "stability": stability(setup, theta)}
     if (said := not_stable(setup, record["stability"])) is not None:
         shown.say(said)
@@ -197,7 +207,8 @@ def _sol_of_zero(problem: Problem) -> float:
     if "sol" not in problem.terms:
         return float("nan")
     error = getattr(error_value, "py_func", error_value)  # as Python: to compile it would take longer
-    seen = problem.data.values[problem.data.mask].tolist()
+    every = [one.data for one in problem.trajectories]
+    seen = np.concatenate([data.channels[data.channel_mask] for data in every]).tolist()
     return float(np.mean([error(problem.errors[0], problem.huber_delta, value) for value in seen]))
 
 
@@ -239,14 +250,16 @@ def _identity(config: TrainConfig) -> dict[str, Any]:
 
 def _description(setup: Setup) -> dict[str, Any]:
     """Return what is known of a run once its parts are built."""
+    source = setup.source
     return {
         "engine": setup.engine.name,
         "parameters": setup.theta.size,
         "system": {
             "name": setup.config.system.name,
-            "title": setup.truth.system.title,
-            "states": [asdict(state) for state in setup.truth.system.states],
-            "parameters": [asdict(parameter) for parameter in setup.truth.system.parameters],
+            "title": source.title,
+            "states": [asdict(state) for state in source.states],
+            "parameters": [asdict(parameter) for parameter in source.parameters],
+            **(measured_description(source) if source.measured is not None else {}),
         },
     }
 

@@ -17,12 +17,12 @@ def stability(setup: Setup, theta: Floats) -> dict[str, float | None]:
 
     None where the solve failed, or no equilibrium is found.
     """
-    found = setup.engine.evaluate(theta, setup.problem.data.times)
+    found, unit = setup.engine.evaluate(theta, setup.problem.data.times), setup.source.scaling.time
     load_flat(setup.field, theta)
     rest = equilibrium(setup.field, found.dense)
     return {
-        "trajectory": None if math.isnan(found.max_real) else found.max_real,
-        "equilibrium": None if rest is None else float(spectrum_at(setup.field, rest).real.max()),
+        "trajectory": None if math.isnan(found.max_real) else found.max_real / unit,
+        "equilibrium": None if rest is None else float(spectrum_at(setup.field, rest).real.max()) / unit,
     }
 
 
@@ -30,6 +30,6 @@ def not_stable(setup: Setup, found: dict[str, float | None]) -> str | None:
     """Return what to say of a model that `stb` trained and that does not keep to its margin; None of any other."""
     if "stb" not in training_terms(setup.config):
         return None
-    limit = -setup.problem.margin
+    limit = -setup.problem.margin / setup.source.scaling.time
     outside = [f"{real:.3g} 1/s {WHERE[place]}" for place, real in found.items() if real is not None and real > limit]
     return f"stb does not hold: the largest real part is {' and '.join(outside)}" if outside else None

@@ -7,6 +7,7 @@ import numpy as np
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.config.optimizer_schema import OwnOptimizerConfig
+from eigenode_cli.config.outline import outline_of
 from eigenode_cli.config.plugins import load_class, own_options
 from eigenode_cli.config.schema import (
     AdamBfgsConfig,
@@ -29,6 +30,8 @@ from eigenode_cli.config.schema import (
     TrainConfig,
     TruthTargetConfig,
 )
+from eigenode_cli.config.table import measured_of
+from eigenode_cli.config.table_schema import TableConfig
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.systems import System
 from eigenode_cli.terms import TERMS
@@ -36,6 +39,7 @@ from eigenode_cli.terms import TERMS
 if TYPE_CHECKING:
     from eigenode_cli.data.dataset import Dataset
     from eigenode_cli.data.simulate import Truth
+    from eigenode_cli.data.source import Source
     from eigenode_cli.data.targets import Target
     from eigenode_cli.model import VectorField
     from eigenode_cli.training.methods import Method, OwnMethod
@@ -60,6 +64,23 @@ def build_truth(config: SystemConfig) -> "Truth":
     return Truth(build_system(config), tuple(float(value) for value in config.initial_state))
 
 
+def build_source(config: TrainConfig) -> "Source":
+    """Build where the data come from: simulated, or read.
+
+    Raises:
+        UserError: a table cannot be read.
+        ValueError: the system cannot be solved.
+    """
+    from eigenode_cli.data.source import measured_source, simulated_source  # noqa: PLC0415  # SciPy, as below
+
+    system = config.system
+    if isinstance(system, TableConfig):
+        stated = list(config.target.frequency) if isinstance(config.target, StatedTargetConfig) else []
+        return measured_source(measured_of(system), config.network.structure, stated)
+    truth = build_truth(system)
+    return simulated_source(truth, build_dataset(system, truth, config.seed))
+
+
 def build_dataset(config: SystemConfig, truth: "Truth", seed: int) -> "Dataset":
     """Build what is measured of the truth; `seed` is that of the noise.
 
@@ -72,25 +93,25 @@ def build_dataset(config: SystemConfig, truth: "Truth", seed: int) -> "Dataset":
     return simulate(truth, times, config.observed, config.noise, seed, config.initial_known)
 
 
-def build_target(config: TargetConfig, truth: "Truth") -> "Target":
-    """Build what the spectral terms compare with."""
+def build_target(config: TargetConfig, source: "Source") -> "Target":
+    """Build what the spectral terms compare with, in the internal unit of time."""
     from eigenode_cli.data.targets import StatedTarget, TruthTarget  # noqa: PLC0415
 
     corridor = None if config.stiffness is None else (config.stiffness[0], config.stiffness[1])
     if isinstance(config, StatedTargetConfig):
-        return StatedTarget(config.frequency, config.damping, corridor)
-    if isinstance(config, TruthTargetConfig):
-        return TruthTarget(truth, config.frequency_factor, corridor)
+        return StatedTarget([hertz * source.scaling.time for hertz in config.frequency], config.damping, corridor)
+    if isinstance(config, TruthTargetConfig) and source.truth is not None:
+        return TruthTarget(source.truth, config.frequency_factor, corridor)
     raise TypeError(f"no targets come from a {type(config).__name__}")
 
 
-def build_solver(config: SolverConfig) -> Solver:
-    """Build the solver settings."""
+def build_solver(config: SolverConfig, unit: float = 1.0) -> Solver:
+    """Build the solver settings; a fixed step is divided by the unit of time, in s."""
     if isinstance(config, OwnSolverConfig):
         return load_class(config.target)(name=config.name, **own_options(config, OwnSolverConfig))
     if isinstance(config, AdaptiveSolverConfig):
         return AdaptiveSolver(config.name, config.rtol, config.atol, config.max_steps)
-    return FixedStepSolver(config.name, cast(FixedSolverConfig, config).step)
+    return FixedStepSolver(config.name, cast(FixedSolverConfig, config).step / unit)
 
 
 def build_own_method(config: OwnOptimizerConfig) -> "OwnMethod":
@@ -185,12 +206,18 @@ def gradient_scales(config: TrainConfig) -> dict[str, float]:
     }
     if config.eigen.eigenvalue_count == "times":
         for name in (name for name, term in TERMS.items() if term.per_eigenvalue):
-            scales[name] *= len(config.system.initial_state) / (config.system.points / 2.0)
+            shape = outline_of(config.system)
+            scales[name] *= len(shape.states) / (shape.points / 2.0)
     return scales
 
 
 def build_field(
-    config: NetworkConfig, states: Floats, rates: Floats, seed: int, linear: Floats | None = None
+    config: NetworkConfig,
+    states: Floats,
+    rates: Floats,
+    seed: int,
+    linear: Floats | None = None,
+    inputs: Floats | None = None,
 ) -> "VectorField":
     """Build the vector field, its network's initial weights drawn from `seed`.
 
@@ -199,18 +226,19 @@ def build_field(
         states: states `(N, n)` that the scale of the inputs is taken from.
         rates: their derivatives `(N, n)`, for the scale of the outputs.
         seed: of the initial weights; nothing else enters the draw, so that runs of one seed are paired.
-        linear: initial value of the linear part `(m, n)`, zero where None.
+        linear: initial value of the linear part `(m, n + k)`, zero where None.
+        inputs: of the system `(N, k)`, None where there are none.
     """
     import torch  # noqa: PLC0415  # seconds, and a command line is checked without it
 
     from eigenode_cli.model import VectorField, scale_output  # noqa: PLC0415
 
-    n = states.shape[1]
+    n, k = states.shape[1], 0 if inputs is None else inputs.shape[1]
     outputs = n // 2 if config.structure == "second_order" else n
     options = own_options(config, NetworkConfig)
     options.pop("scaling_from", None)
     for scaling, scale, samples in (
-        ("input_scaling", "input_scale", states),
+        ("input_scaling", "input_scale", states if inputs is None else np.hstack([states, inputs])),
         ("output_scaling", "output_scale", rates[:, n - outputs :]),
     ):
         if scaling in options:
@@ -220,11 +248,11 @@ def build_field(
             else:
                 options[scale] = None
     generator = torch.Generator().manual_seed(seed)
-    network = load_class(config.target)(inputs=n, outputs=outputs, generator=generator, **options)
+    network = load_class(config.target)(inputs=n + k, outputs=outputs, generator=generator, **options)
     if config.output_gain != 1.0:
         scale_output(network, config.output_gain)
-    matrix = torch.zeros((outputs, n), dtype=torch.float64) if linear is None else torch.from_numpy(linear)
-    return VectorField(network, config.structure, None if config.linear == "none" else matrix)
+    matrix = torch.zeros((outputs, n + k), dtype=torch.float64) if linear is None else torch.from_numpy(linear)
+    return VectorField(network, config.structure, None if config.linear == "none" else matrix, inputs=k)
 
 
 def _largest(samples: Floats) -> Floats:

@@ -7,6 +7,7 @@ chosen method would ignore is an unknown key. Importing this module costs nothin
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import MISSING
 
@@ -22,6 +23,7 @@ from eigenode_cli.config.optimizer_schema import (
     ScheduleConfig,
     SgdConfig,
 )
+from eigenode_cli.config.table_schema import TableConfig
 from eigenode_cli.config.validators import option
 
 
@@ -286,11 +288,17 @@ class ErrorConfig:
     """Difference at which huber turns from a square to a line."""
 
 
+if TYPE_CHECKING:
+    Source = SystemConfig | TableConfig
+else:  # OmegaConf knows no unions of classes
+    Source = Any
+
+
 @dataclass
 class TrainConfig:
     """Everything that one run depends on."""
 
-    system: SystemConfig = MISSING
+    system: Source = MISSING
     network: NetworkConfig = MISSING
     solver: SolverConfig = MISSING
     optimizer: OptimizerConfig = MISSING
@@ -321,7 +329,7 @@ ADAPTIVE: tuple[str, ...] = ("tsit5", "dopri5", "dopri8", "bosh3", "adaptive_heu
 FIXED: tuple[str, ...] = ("rk4", "euler", "midpoint", "heun3")
 
 SCHEMAS: Mapping[str, Mapping[str, type]] = {
-    "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig},
+    "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig, "table": TableConfig},
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
     "solver": {**dict.fromkeys(ADAPTIVE, AdaptiveSolverConfig), **dict.fromkeys(FIXED, FixedSolverConfig)},
     "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "lm": LeastSquaresConfig, "sgd": SgdConfig},

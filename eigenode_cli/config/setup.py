@@ -1,7 +1,7 @@
 """All parts of a run, built from its configuration in the order of the data flow."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -9,12 +9,11 @@ import torch
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.config.build import (
-    build_dataset,
     build_field,
     build_solver,
+    build_source,
     build_stages,
     build_target,
-    build_truth,
     gradient_scales,
 )
 from eigenode_cli.config.names import training_terms
@@ -23,12 +22,13 @@ from eigenode_cli.config.warm_start import warm_start
 from eigenode_cli.data.dataset import Dataset, Series
 from eigenode_cli.data.reconstruct import Estimate, reconstruct
 from eigenode_cli.data.simulate import Truth
+from eigenode_cli.data.source import Source
 from eigenode_cli.data.targets import Target
 from eigenode_cli.engines.base import Engine, unheard
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_own_parameters
-from eigenode_cli.model.modes import fitted_matrix, modal_matrix, stated_pairs
+from eigenode_cli.model.modes import fitted_matrix, modal_matrix, stated_pairs, with_inputs
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.user import UserTerm, load_user_terms
@@ -42,8 +42,7 @@ class Setup:
 
     Attributes:
         config: what they are built from.
-        truth: what the data are sampled from; training does not see it.
-        dataset: what training sees.
+        source: where the data come from.
         target: what the spectral terms compare with.
         problem: over the whole horizon.
         field: the vector field with its initial weights.
@@ -56,8 +55,7 @@ class Setup:
     """
 
     config: TrainConfig
-    truth: Truth
-    dataset: Dataset
+    source: Source
     target: Target
     problem: Problem
     field: VectorField
@@ -66,6 +64,22 @@ class Setup:
     phases: tuple[Phase, ...]
     names: tuple[str, ...]
     weights: Floats
+
+    @property
+    def truth(self) -> Truth:
+        """What the data are sampled from; training does not see it.
+
+        Raises:
+            ValueError: the data are measured.
+        """
+        if self.source.truth is None:
+            raise ValueError("measured data have no truth")
+        return self.source.truth
+
+    @property
+    def dataset(self) -> Dataset:
+        """What training sees."""
+        return self.source.dataset
 
     @property
     def engines(self) -> set[Engine]:
@@ -80,14 +94,16 @@ class Setup:
     def tensors(self, theta: Floats) -> dict[str, torch.Tensor]:
         """Return what a checkpoint holds at the parameters `theta (P,)`: the network's state_dict and the other blocks.
 
-        The linear part stands under `linear`, trained entries of the initial state under `initial_state`.
+        The linear part stands under `linear`, trained entries of initial states under `initial_state`, trained offsets
+        under `offset`; all in internal units.
         """
         load_flat(self.field, theta)
         tensors = self.field.network.state_dict()
         if self.field.linear is not None:
             tensors["linear"] = self.field.linear.weight.detach().clone()
-        if "initial_state" in self.blocks:
-            tensors["initial_state"] = torch.from_numpy(theta[self.blocks["initial_state"]].copy())
+        for name in ("initial_state", "offset"):
+            if name in self.blocks:
+                tensors[name] = torch.from_numpy(theta[self.blocks[name]].copy())
         return tensors
 
 
@@ -103,33 +119,38 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
     """
     torch.set_num_threads(1)  # the matrices are small, and a launcher's setting must not change a result
     torch.manual_seed(config.seed)
-    truth = build_truth(config.system)
-    dataset = build_dataset(config.system, truth, config.seed)
-    series = dataset.series[0]
-    estimate = reconstruct(series, config.network.structure)
-    target = build_target(config.target, truth)
-    problem = build_problem(config, series, estimate, target)
-    samples = scaling_samples(config, truth, series, estimate)
-    field = build_field(config.network, *samples, config.seed, initial_linear(config, problem, estimate))
+    source = build_source(config)
+    every = source.dataset.series
+    estimates = [reconstruct(series, config.network.structure) for series in every]
+    target = build_target(config.target, source)
+    first, *others = [build_problem(config, source, *one, target) for one in zip(every, estimates, strict=True)]
+    problem = replace(first, others=tuple(others))
+    field = build_field(
+        config.network,
+        *scaling_samples(config, source, every, estimates),
+        config.seed,
+        initial_linear(config, problem, estimates[0]),
+        np.concatenate([series.driven for series in every]),
+    )
     user_terms = load_user_terms(config.terms, training_terms(config), announce)
     engine = engine_of(config, field, problem, user_terms, announce)
     rebuilt = partial(engine_of, config, field, user_terms=user_terms)
-    blocks = block_slices(field, [series])
+    blocks = block_slices(field, every)
     stages, scales = build_stages(config), gradient_scales(config)
     if isinstance(config.optimizer, LeastSquaresConfig):
         scales = relative_scales(scales, problem)
     phases = build_phases(stages, config.trainer.steps, problem, scales, engine, rebuilt, blocks)
-    theta = with_own_parameters(flat_parameters(field), [series], [estimate])
+    theta = with_own_parameters(flat_parameters(field), every, estimates)
     if config.trainer.start is not None:
         theta = warm_start(config.trainer.start, field, theta)
     names = (*NAMES, *user_terms)
     weights = np.array([scales[name] if name in problem.terms else 0.0 for name in names])
-    return Setup(config, truth, dataset, target, problem, field, theta, engine, phases, names, weights)
+    return Setup(config, source, target, problem, field, theta, engine, phases, names, weights)
 
 
-def build_problem(config: TrainConfig, series: Series, estimate: Estimate, target: Target) -> Problem:
-    """Build the problem over the whole horizon: measurements, targets, terms, solver."""
-    every = config.eigen.every
+def build_problem(config: TrainConfig, source: Source, series: Series, estimate: Estimate, target: Target) -> Problem:
+    """Build the problem of one trajectory over the whole horizon: measurements, targets, terms, solver."""
+    every, time = config.eigen.every, source.scaling.time
     return Problem(
         data=series,
         targets=target.rows(series.times).rows(np.arange(0, series.times.size, every)),
@@ -138,30 +159,34 @@ def build_problem(config: TrainConfig, series: Series, estimate: Estimate, targe
         states=estimate.states if estimate.complete else None,
         errors=np.array([ERRORS[getattr(config.error, name)] for name in NAMES], dtype=np.int64),
         huber_delta=config.error.huber_delta,
-        margin=config.eigen.margin,
+        margin=config.eigen.margin * time,
         max_condition=config.eigen.max_condition,
         jacobian=config.eigen.jacobian,
-        solver=build_solver(config.solver),
+        solver=build_solver(config.solver, time),
         stabilise=config.trainer.on_unsolvable == "stabilise",
     )
 
 
 def initial_linear(config: TrainConfig, problem: Problem, estimate: Estimate) -> Floats | None:
     """Return the initial value of the linear part that `network.linear` names, None for zero or for no linear part."""
-    structure = config.network.structure
+    structure, driven = config.network.structure, problem.data.driven
     if config.network.linear == "fitted":
-        return fitted_matrix(estimate, structure)
+        return fitted_matrix(estimate, structure, driven)
     if config.network.linear == "modes":
-        return modal_matrix(stated_pairs(problem.targets), estimate, structure)
+        matrix = modal_matrix(stated_pairs(problem.targets), estimate, structure)
+        return with_inputs(matrix, estimate, driven)
     return None
 
 
-def scaling_samples(config: TrainConfig, truth: Truth, series: Series, estimate: Estimate) -> tuple[Floats, Floats]:
+def scaling_samples(
+    config: TrainConfig, source: Source, every: Sequence[Series], estimates: Sequence[Estimate]
+) -> tuple[Floats, Floats]:
     """Return states and rates `(N, n)` that the network's scales are taken from, as `network.scaling_from` says."""
-    if getattr(config.network, "scaling_from", "data") == "truth":
-        states = truth.states(series.times)
-        return states, truth.system.dynamics(states)
-    return np.nan_to_num(estimate.states), np.nan_to_num(estimate.rates)
+    if getattr(config.network, "scaling_from", "data") == "truth" and source.truth is not None:
+        states = source.truth.states(every[0].times)
+        return states, source.truth.system.dynamics(states)
+    states = np.concatenate([estimate.states for estimate in estimates])
+    return np.nan_to_num(states), np.nan_to_num(np.concatenate([estimate.rates for estimate in estimates]))
 
 
 def engine_of(

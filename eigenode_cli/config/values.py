@@ -9,8 +9,10 @@ from typing import Any, cast
 from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.config.names import named_terms, training_terms
+from eigenode_cli.config.outline import Outline, is_table, outline_of
 from eigenode_cli.config.plugins import unresolved
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.table_schema import TableConfig
 from eigenode_cli.config.validators import constraint_of
 from eigenode_cli.engines.support import obstacle
 from eigenode_cli.errors import UserError, nearest, unknown
@@ -137,12 +139,15 @@ def _import_fault(module: str, function: str) -> str | None:
 
 
 def _system(config: DictConfig) -> Iterator[str]:
-    """Yield the dynamics exist, and states are named and counted right."""
+    """Yield the dynamics exist, and states are named and counted right; or a table is read."""
     from eigenode_cli.config.build import build_system  # noqa: PLC0415  # NumPy, only for a line that is otherwise right
 
     system = config.system
     if any(_node_faults(system, cast(type, OmegaConf.get_type(system)), "system.")):
         return  # it may not be possible to build it
+    if is_table(system):
+        yield from _table(config)
+        return
     try:
         states = [state.name for state in build_system(OmegaConf.to_object(system)).states]
     except Exception as error:  # the user's own constructor may raise anything
@@ -157,6 +162,30 @@ def _system(config: DictConfig) -> Iterator[str]:
         yield f"system.observed=[]: nothing is observed; choose from {', '.join(states)}"
     for key in ("observed", "initial_known"):
         yield from _state_names(f"system.{key}", system[key] or [], states)
+
+
+def _table(config: DictConfig) -> Iterator[str]:
+    """Yield the roles of a table's columns fit together, and it can be read."""
+    from eigenode_cli.config.table import measured_of, role_faults  # noqa: PLC0415  # pandas, only where it is needed
+
+    system = cast(TableConfig, OmegaConf.to_object(config.system))
+    faults = list(role_faults(system, config.network.structure))
+    if not faults:
+        try:
+            measured_of(system)
+        except UserError as error:
+            faults = error.faults
+    yield from faults
+
+
+def _outline(config: DictConfig) -> Outline | None:
+    """Return the shapes of the system; None where `_system` says what is wrong with it."""
+    if is_table(config.system) and any(_system(config)):
+        return None
+    try:
+        return outline_of(config.system)
+    except Exception:  # `_system` says so
+        return None
 
 
 def _state_names(key: str, names: Iterable[str], states: list[str]) -> Iterator[str]:
@@ -190,21 +219,16 @@ def _own_classes(config: DictConfig) -> Iterator[str]:
 
 def _hidden_states(config: DictConfig) -> Iterator[str]:
     """Yield what needs all states at the data times finds them measured, or they can be reconstructed."""
-    from eigenode_cli.config.build import build_system  # noqa: PLC0415  # as above
-
-    system = config.system
-    try:
-        states = [state.name for state in build_system(OmegaConf.to_object(system)).states]
-    except Exception:  # `_system` says so
-        return
-    if not system.observed or not set(system.observed) <= set(states):
+    found = _outline(config)
+    if found is None or not found.observed or not set(found.observed) <= set(found.states):
         return  # `_system` says so
-    hidden_ones = _not_to_be_known(states, list(system.observed), config.network.structure)
+    hidden_ones = _not_to_be_known(list(found.states), list(found.observed), config.network.structure)
     if not hidden_ones:
         return
     reason = (
         f"needs all states at the data times, and nothing is known of {', '.join(hidden_ones)} (a velocity follows from"
-        " its position and the other way round with network.structure=second_order); add to system.observed"
+        " its position and the other way round with network.structure=second_order)"
+        + ("" if is_table(config.system) else "; add to system.observed")
     )
     for number, stage in enumerate(config.stages):
         for key, value, applies in (("solve", "false", not stage.solve), ("spectra", "data", stage.spectra == "data")):
@@ -230,7 +254,8 @@ def _not_to_be_known(states: list[str], observed: list[str], structure: str) -> 
 
 def _network(config: DictConfig) -> Iterator[str]:
     """Structure and Jacobian are possible with this system and network."""
-    states = len(config.system.initial_state)
+    found = _outline(config)
+    states = 0 if found is None else len(found.states)
     if config.network.structure == "second_order" and states % 2:
         yield (
             f"network.structure=second_order: needs as many velocities as positions, {config.system.name} has"
@@ -245,8 +270,10 @@ def _network(config: DictConfig) -> Iterator[str]:
 
 def _eigen(config: DictConfig) -> Iterator[str]:
     """There are at least as many data times as `every` counts."""
-    if config.eigen.every > config.system.points:
-        yield f"eigen.every={config.eigen.every}: must be at most system.points={config.system.points}"
+    found = _outline(config)
+    if found is not None and config.eigen.every > found.points:
+        said = f"the {found.points} data times" if is_table(config.system) else f"system.points={found.points}"
+        yield f"eigen.every={config.eigen.every}: must be at most {said}"
 
 
 def _stages(config: DictConfig) -> Iterator[str]:
@@ -295,18 +322,19 @@ def _optimizer(config: DictConfig) -> Iterator[str]:
 
 def _blocks(config: DictConfig) -> list[str]:
     """Names of the blocks of parameters that the run has."""
-    known = config.system.initial_known
+    found = _outline(config)
+    own = {} if found is None else found.blocks
     return [
         "network",
         *(["linear"] if config.network.linear != "none" else []),
-        *(["initial_state"] if known is not None and len(known) < len(config.system.initial_state) else []),
+        *(name for name, size in own.items() if size > 0),
     ]
 
 
 def _start(config: DictConfig) -> Iterator[str]:
     """Yield a warm start leads to weights that fit."""
     text = config.trainer.start
-    if text is None:
+    if text is None or _outline(config) is None:
         return
     from eigenode_cli.config.warm_start import empty_field, load_field  # noqa: PLC0415  # torch, where it is needed
 
@@ -332,8 +360,11 @@ def _target(config: DictConfig) -> Iterator[str]:
     if corridor is not None and not (len(corridor) == 2 and corridor[0] <= corridor[1]):
         yield f"target.stiffness={show(corridor)}: must be [low,high] with low at most high, for example [1,1]"
     if target.name != "stated":
+        if is_table(config.system):
+            yield f"target={target.name}: measured data have no truth; write target=stated"
         return
-    count, pairs = len(target.frequency), len(config.system.initial_state) // 2
+    found = _outline(config)
+    count, pairs = len(target.frequency), len(target.frequency) if found is None else len(found.states) // 2
     if count != len(target.damping):
         yield (
             f"target.damping={show(target.damping)}: needs one value for each of the {count} in"

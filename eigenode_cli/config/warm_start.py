@@ -4,21 +4,23 @@ import numpy as np
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.config.build import build_field
+from eigenode_cli.config.outline import shape_of
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.model import VectorField, flat_parameters
 from eigenode_cli.runs.checkpoints import checkpoint_path, load_checkpoint
 
-LINEAR, INITIAL_STATE = "linear", "initial_state"
+LINEAR, INITIAL_STATE, OFFSET = "linear", "initial_state", "offset"
 
 
 def empty_field(config: TrainConfig) -> VectorField:
     """Return a vector field with the shapes of the configuration, whose parameters and scales are yet to be loaded."""
-    states = np.ones((1, len(config.system.initial_state)))
-    return build_field(config.network, states, states, config.seed)
+    n, k = shape_of(config.system)
+    states, inputs = np.ones((1, n)), np.ones((1, k))
+    return build_field(config.network, states, states, config.seed, inputs=inputs)
 
 
-def load_field(field: VectorField, text: str, step: int | None = None) -> Floats | None:
-    """Put the weights of a checkpoint into a field, in place; returns the trained entries of the initial state.
+def load_field(field: VectorField, text: str, step: int | None = None) -> dict[str, Floats]:
+    """Put the weights of a checkpoint into a field, in place; returns its other blocks: initial states, offsets.
 
     Args:
         field: with the shapes of the checkpoint; a linear part that the checkpoint lacks stays as it is.
@@ -30,10 +32,11 @@ def load_field(field: VectorField, text: str, step: int | None = None) -> Floats
         ValueError: it does not go with the field; the message names what is different.
     """
     tensors = load_checkpoint(checkpoint_path(text, step))
-    linear, initial = tensors.pop(LINEAR, None), tensors.pop(INITIAL_STATE, None)
-    own = field.network.state_dict()
-    for name in sorted({*own, *tensors}):
-        there, here = (tuple(found[name].shape) if name in found else "none" for found in (tensors, own))
+    linear = tensors.pop(LINEAR, None)
+    own = {name: tensors.pop(name).numpy().copy() for name in (INITIAL_STATE, OFFSET) if name in tensors}
+    expected = field.network.state_dict()
+    for name in sorted({*expected, *tensors}):
+        there, here = (tuple(found[name].shape) if name in found else "none" for found in (tensors, expected))
         if there != here:
             raise ValueError(f"{name} has the shape {there} there, {here} here")
     if linear is not None and (field.linear is None or field.linear.weight.shape != linear.shape):
@@ -41,12 +44,12 @@ def load_field(field: VectorField, text: str, step: int | None = None) -> Floats
     field.network.load_state_dict(tensors)
     if linear is not None and field.linear is not None:
         field.linear.load_state_dict({"weight": linear})
-    return None if initial is None else initial.numpy().copy()
+    return own
 
 
 def warm_start(text: str, field: VectorField, theta: Floats) -> Floats:
     """Return parameters `(P,)` with the weights of `text` in place of the leading ones of `theta`, and in `field`."""
-    initial = load_field(field, text)
+    own = load_field(field, text)
     weights = flat_parameters(field)
-    rest = theta[weights.size :]
-    return np.concatenate([weights, initial if initial is not None and initial.shape == rest.shape else rest])
+    rest, saved = theta[weights.size :], np.concatenate([np.empty(0), *own.values()])
+    return np.concatenate([weights, saved if saved.shape == rest.shape else rest])

@@ -70,16 +70,49 @@ def modal_matrix(pairs: Complexes, estimate: Estimate, structure: str) -> Floats
     return (vectors @ np.diag(values) @ np.linalg.inv(vectors)).real[n - m :]
 
 
-def fitted_matrix(estimate: Estimate, structure: str) -> Floats:
-    """Return the linear part `(m, n)` that fits the rates to the states over the first part of the record."""
+def with_inputs(matrix: Floats, estimate: Estimate, driven: Floats) -> Floats:
+    """Return a linear part `(m, n)` with a column for each input `(m, n + k)`, fitted to what it leaves of the rates.
+
+    Args:
+        matrix: of the states.
+        estimate: of the states and their rates at the data times.
+        driven: inputs there `(N, k)`.
+    """
+    if driven.shape[1] == 0:
+        return matrix
+    m = matrix.shape[0]
+    left = (estimate.rates - _rates_of(matrix, estimate.states))[:, -m:]
+    known = np.isfinite(left).all(axis=1)
+    if not known.any():
+        return np.hstack([matrix, np.zeros((m, driven.shape[1]))])
+    fitted = np.linalg.lstsq(driven[known], left[known], rcond=1e-8)[0].T
+    return np.hstack([matrix, fitted]).astype(np.float64)
+
+
+def _rates_of(matrix: Floats, states: Floats) -> Floats:
+    """Return the rates `(N, n)` that a linear part gives; those of positions stay zero."""
+    rates = np.zeros_like(states)
+    rates[:, -matrix.shape[0] :] = states @ matrix.T
+    return rates
+
+
+def fitted_matrix(estimate: Estimate, structure: str, driven: Floats | None = None) -> Floats:
+    """Return the linear part `(m, n + k)` that fits the rates to states and inputs over the first part of the record.
+
+    Args:
+        estimate: of the states and their rates at the data times.
+        structure: of the vector field.
+        driven: inputs there `(N, k)`, None where there are none.
+    """
     states, rates = estimate.states, estimate.rates
     n = states.shape[1]
     m = n // 2 if structure == "second_order" else n
+    arguments = states if driven is None else np.hstack([states, driven])
     count = min(len(states), max(FEWEST * n, int(np.ceil(LEADING * len(states)))))
     known = np.isfinite(states[:count]).all(axis=1) & np.isfinite(rates[:count]).all(axis=1)
     if not known.any():
-        return np.zeros((m, n))
-    found = np.linalg.lstsq(states[:count][known], rates[:count][known][:, n - m :], rcond=1e-8)[0].T
+        return np.zeros((m, arguments.shape[1]))
+    found = np.linalg.lstsq(arguments[:count][known], rates[:count][known][:, n - m :], rcond=1e-8)[0].T
     return found.astype(np.float64)
 
 

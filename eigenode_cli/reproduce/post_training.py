@@ -15,6 +15,7 @@ from eigenode_cli.batch.run import DENSE
 from eigenode_cli.config.build import build_target
 from eigenode_cli.config.setup import Setup, build, engine_of
 from eigenode_cli.data.simulate import Truth, simulate
+from eigenode_cli.data.source import simulated_source
 from eigenode_cli.engines.base import unheard
 from eigenode_cli.reproduce.measures import COST_FILE, TEST_FILE, TIGHT_FILE
 from eigenode_cli.reproduce.planned_runs import Unit
@@ -81,11 +82,13 @@ def measure_test(unit: Unit) -> None:
     if (unit.folder / TEST_FILE).is_file():
         return
     setup, theta = _trained(unit)
-    system = unit.config.system
     times = setup.problem.data.times
     later = Truth(setup.truth.system, tuple(setup.truth.states(times)[-1].tolist()))
-    data = simulate(later, times, system.observed).series[0]
-    targets = build_target(unit.config.target, later).rows(times).rows(setup.problem.spectral_index)
+    seen = np.asarray(setup.problem.data.mask.any(axis=0)).tolist()
+    observed = [state.name for state, one in zip(setup.source.states, seen, strict=True) if one]
+    source = simulated_source(later, simulate(later, times, observed))
+    data = source.dataset.series[0]
+    targets = build_target(unit.config.target, source).rows(times).rows(setup.problem.spectral_index)
     problem = replace(setup.problem, terms=("sol",), data=data, targets=targets, states=None, stabilise=False)
     evaluation = engine_of(unit.config, setup.field, problem).evaluate(theta, data.times)
     trained = setup.engine.evaluate(theta, times)
@@ -112,6 +115,6 @@ def measure_tight(unit: Unit) -> None:
     if isinstance(solver, AdaptiveSolver):
         solver = replace(solver, **TIGHT)
     engine = engine_of(unit.config, setup.field, replace(setup.problem, solver=solver))
-    times = np.linspace(0.0, unit.config.system.horizon, DENSE)
+    times = np.linspace(0.0, setup.source.horizon, DENSE)
     error = np.abs(engine.evaluate(theta, times).dense[:, 0] - setup.truth.states(times)[:, 0])
     write_json(unit.folder / TIGHT_FILE, {"dense_error": float(np.mean(error))})

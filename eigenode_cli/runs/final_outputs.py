@@ -1,16 +1,18 @@
-"""What a finished training says about the learned system: solution.csv and eigenvalues.csv."""
+"""What a finished training says about the learned system: solution.csv, eigenvalues.csv, equilibrium.csv, data.csv."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.data.simulate import Truth
+from eigenode_cli.data.source import Source
 from eigenode_cli.data.targets import Target
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.model import VectorField
+from eigenode_cli.model import VectorField, held
 from eigenode_cli.runs.recorder import write_table
 from eigenode_cli.spectra.eig import eig
 from eigenode_cli.spectra.jacobian import jacobian
@@ -21,20 +23,58 @@ INTERVALS = 1000
 """Intervals of the solution's grid in one training horizon."""
 
 
-def write_solution(folder: Path, truth: Truth, engine: Engine, theta: Floats, horizon: float) -> None:
-    """Write solution.csv: truth and model on a dense grid over twice the horizon."""
-    times = np.linspace(0.0, 2.0 * horizon, 2 * INTERVALS + 1)
-    model = engine.evaluate(theta, times).dense
+def write_solution(folder: Path, source: Source, engine: Engine, theta: Floats) -> None:
+    """Write solution.csv: truth, where there is one, and model on a dense grid over twice the horizon.
+
+    With inputs it ends where they do. Of several trajectories it is the first.
+    """
+    series, horizon = source.dataset.series[0], source.horizon
+    times = series.times[0] + np.linspace(0.0, 2.0 * horizon, 2 * INTERVALS + 1)
+    if series.drive is not None:
+        times = times[times <= max(series.drive.times[-1], series.times[-1])]
+    model = engine.evaluate(theta, times).dense * source.scaling.states
     part = np.where(np.arange(times.size) <= INTERVALS, "train", "beyond")
-    names = [state.name for state in truth.system.states]
+    names = [state.name for state in source.states]
     header = ["t", *(f"truth_{name}" for name in names), *(f"model_{name}" for name in names), "horizon"]
-    numbers = np.column_stack([times, truth.states(times), model]).tolist()
+    truth = np.full_like(model, np.nan) if source.truth is None else source.truth.states(times)
+    numbers = np.column_stack([source.seconds(times), truth, model]).tolist()
     rows = [[*row, str(name)] for row, name in zip(numbers, part, strict=True)]
     write_table(folder / "solution.csv", header, rows)
 
 
+def write_measured(folder: Path, source: Source, predictions: Sequence[Floats] | None = None) -> None:
+    """Write data.csv of measured trajectories: channels, the model beside them, and whether a row was held out.
+
+    Args:
+        folder: of the run.
+        source: with what was measured.
+        predictions: channels of each trajectory by the model `(N, C)` in internal units; None while there are none.
+    """
+    measured = source.measured
+    if measured is None:
+        raise ValueError("the data were simulated")
+    names, scaling = [state.name for state in source.states], source.scaling
+    derivatives = any(one.series.rates is not None for one in measured.trajectories)
+    channels = [*names, *(f"rate_{name}" for name in names)] if derivatives else names
+    units = np.concatenate([scaling.states, scaling.rates])[: len(channels)]
+    rows: list[list[Any]] = []
+    for number, one in enumerate(measured.trajectories):
+        series = one.series
+        shown = np.full(series.channels.shape, np.nan) if predictions is None else predictions[number] * units
+        numbers = np.column_stack([series.times, series.channels, shown]).tolist()
+        rows += [[*row, "train" if i < one.trained else "test", number] for i, row in enumerate(numbers)]
+    header = ["t", *channels, *(f"model_{name}" for name in channels), "part", "trajectory"]
+    write_table(folder / "data.csv", header, rows)
+
+
 def write_eigenvalues(
-    folder: Path, field: VectorField, engine: Engine, theta: Floats, problem: Problem, target: Target
+    folder: Path,
+    source: Source,
+    field: VectorField,
+    engine: Engine,
+    theta: Floats,
+    problem: Problem,
+    target: Target,
 ) -> None:
     """Write eigenvalues.csv: the model's at all data times along its trajectory, tracked, with their targets."""
     times, count = problem.data.times, problem.data.times.size
@@ -45,15 +85,16 @@ def write_eigenvalues(
     vectors = np.full((count, n, n), np.nan, dtype=np.complex128)
     with torch.no_grad():
         method = "symbolic" if field.has_symbolic_jacobian else problem.jacobian
-        matrices = jacobian(field, torch.from_numpy(states[reached]), method, torch.from_numpy(problem.sizes))
+        here = held(field, torch.from_numpy(problem.data.driven[reached]))
+        matrices = jacobian(here, torch.from_numpy(states[reached]), method, torch.from_numpy(problem.sizes))
         result = eig(matrices, problem.max_condition)
     spectra[reached] = without_rounding(result.eigenvalues.numpy(), rounding_levels(matrices.numpy()))
     vectors[reached] = result.eigenvectors.numpy()
     order = track(spectra, vectors)
-    spectra = np.take_along_axis(spectra, order, axis=1)
-    targets = target.spectra(times)
+    spectra = source.scaling.eigenvalues(np.take_along_axis(spectra, order, axis=1))
+    targets = source.scaling.eigenvalues(target.spectra(times))
     rows: list[list[float | int | str]] = []
-    for time, spectrum, wanted in zip(times, spectra, targets, strict=True):
+    for time, spectrum, wanted in zip(source.seconds(times), spectra, targets, strict=True):
         mode_of = assign(spectrum, wanted)
         goals = np.full(n, complex(np.nan, np.nan))
         goals[mode_of[mode_of != UNMATCHED]] = wanted[mode_of != UNMATCHED]

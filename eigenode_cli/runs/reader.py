@@ -38,6 +38,7 @@ METRIC_COLUMNS = (
     "n_rejected",
     "status",
     "dense_error",
+    "test_error",
 )
 """Columns of metrics.csv in their order; the user's own terms follow."""
 
@@ -50,7 +51,9 @@ class Metrics:
         step: training steps done at each record `(R,)`, ascending.
         terms: unscaled losses `(R,)` by name, canonical order, the user's own terms last; NaN where not defined.
         max_real: largest real part of any eigenvalue along the trajectory in 1/s `(R,)`.
-        dense_error: mean |x1_model - x1_truth| over the training horizon, in the unit of x1 `(R,)`.
+        dense_error: mean |x1_model - x1_truth| over the training horizon, in x1's unit `(R,)`; NaN without a truth.
+        test_error: root mean square over what was held out, in units of each channel's largest modulus `(R,)`; NaN
+            where nothing was.
         train_seconds, lr, accepted, rejected: seconds of training, learning rate, solver steps of that solve `(R,)`.
         status: how each solve ended `(R,)`.
     """
@@ -59,6 +62,7 @@ class Metrics:
     terms: dict[str, Floats]
     max_real: Floats
     dense_error: Floats
+    test_error: Floats
     train_seconds: Floats
     lr: Floats
     accepted: Floats
@@ -227,6 +231,9 @@ class _Table:
             if len(row) != len(self.header):
                 raise RecordError(f"{name}, line {line}: {len(row)} cells in {len(self.header)} columns")
 
+    def __len__(self) -> int:
+        return len(self._rows)
+
     def text(self, column: str) -> tuple[str, ...]:
         """Cells of a column as they stand."""
         if column not in self.header:
@@ -281,6 +288,7 @@ def _read_metrics(folder: Path, status: str) -> Metrics:
         terms={name: table.numbers(name) for name in (*NAMES, *own)},
         max_real=table.numbers("max_real"),
         dense_error=table.numbers("dense_error"),
+        test_error=table.numbers("test_error") if "test_error" in table.header else np.full(len(table), np.nan),
         train_seconds=table.full("train_seconds"),
         lr=table.numbers("lr"),
         accepted=table.numbers("n_accepted"),
@@ -311,5 +319,8 @@ def _read_eigenvalues(folder: Path, status: str) -> Spectra:
 
 def _read_data(folder: Path, status: str, names: Sequence[str]) -> Series:
     table = _Table(folder, "data.csv", status)
-    states = table.matrix(names)
-    return Series(times=table.full("t"), values=states, initial_state=np.full(states.shape[1], np.nan))
+    states, times = table.matrix(names), table.full("t")
+    if "trajectory" in table.header:  # figures show the first one
+        first = table.numbers("trajectory") == 0
+        states, times = states[first], times[first]
+    return Series(times=times, values=states, initial_state=np.full(states.shape[1], np.nan))

@@ -20,7 +20,18 @@ from eigenode_cli.runs.runfile import RecordError
 from eigenode_cli.terms import NAMES
 from eigenode_cli.training.progress import Progress, Snapshot
 
-COLUMNS = ("step", "train_seconds", "lr", *NAMES, "max_real", "n_accepted", "n_rejected", "status", "dense_error")
+COLUMNS = (
+    "step",
+    "train_seconds",
+    "lr",
+    *NAMES,
+    "max_real",
+    "n_accepted",
+    "n_rejected",
+    "status",
+    "dense_error",
+    "test_error",
+)
 """Columns of metrics.csv; the user's own terms follow behind."""
 OPTIMIZER = "optimizer."
 """What the optimizer's arrays are named in last.safetensors, before their own names."""
@@ -36,12 +47,21 @@ class Recorder:
     Args:
         folder: the run's folder.
         names: all terms in the order of `Evaluation.values`.
-        truth: the truth's first state at the dense times `(D,)`.
+        truth: the truth's first state at the dense times `(D,)`, None where there is no truth.
         monitored: columns that the optimizer adds.
+        units: of the terms, by name, and of `max_real`, in which they are recorded; 1 where none is named.
     """
 
-    def __init__(self, folder: Path, names: Sequence[str], truth: Floats, monitored: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        names: Sequence[str],
+        truth: Floats | None,
+        monitored: Sequence[str] = (),
+        units: Mapping[str, float] | None = None,
+    ) -> None:
         self._monitored = tuple(monitored)
+        self._units = dict(units or {})
         self.folder = folder
         self.names = tuple(names)
         self._truth = truth
@@ -71,18 +91,23 @@ class Recorder:
     def describe(
         self, progress: Progress, lr: float, evaluation: Evaluation, monitored: Mapping[str, float] | None = None
     ) -> dict[str, Any]:
-        """Return one row of metrics.csv; `monitored` is what the optimizer tells of itself."""
-        losses = dict(zip(self.names, (float(value) for value in evaluation.values), strict=True))
+        """Return one row of metrics.csv; `monitored` is what the optimizer tells of itself, and `test_error`."""
+        losses = {
+            name: float(value) * self._units.get(name, 1.0)
+            for name, value in zip(self.names, evaluation.values, strict=True)
+        }
+        truth, model = self._truth, evaluation.dense[:, 0]
         return {
             "step": progress.step,
             "train_seconds": round(progress.train_seconds, 6),
             "lr": lr,
             **{name: losses[name] for name in NAMES},
-            "max_real": evaluation.max_real,
+            "max_real": evaluation.max_real * self._units.get("max_real", 1.0),
             "n_accepted": evaluation.n_accepted,
             "n_rejected": evaluation.n_rejected,
             "status": evaluation.status.label,
-            "dense_error": float(np.mean(np.abs(evaluation.dense[:, 0] - self._truth))),
+            "dense_error": float("nan") if truth is None else float(np.mean(np.abs(model - truth))),
+            "test_error": (monitored or {}).get("test_error", float("nan")),
             **{name: (monitored or {})[name] for name in self._monitored},
             **{name: losses[name] for name in self.names if name not in NAMES},
         }

@@ -39,7 +39,7 @@ class Recorder(Protocol):
     def describe(
         self, progress: Progress, lr: float, evaluation: Evaluation, monitored: Mapping[str, float]
     ) -> dict[str, Any]:
-        """Return one record; `monitored` is what the optimizer tells of itself."""
+        """Return one record; `monitored` is what the optimizer tells of itself, and `test_error`."""
         ...
 
     def record(self, row: dict[str, Any]) -> None:
@@ -80,6 +80,7 @@ class Trainer:
         progress: where the training stands.
         zero_sol: SOL of a model that stays at zero, NaN where SOL does not train: what a diverged one is compared with.
         best: parameters of the best record so far `(P,)`, None before there is one.
+        tested: error at given parameters over what is held out, None where nothing is.
         wall: seconds since the start of the run.
         ending: how it ended, once it has.
     """
@@ -98,6 +99,7 @@ class Trainer:
     network: Callable[[Floats], dict[str, Any]]
     progress: Progress
     zero_sol: float = math.nan
+    tested: Callable[[Floats], float] | None = None
     wall: Callable[[], float] = perf_counter
     ending: Ending = field(default=Ending(RUNNING), init=False)
     best: Floats | None = field(default=None, init=False)
@@ -359,7 +361,9 @@ class Trainer:
 
     def _row(self, evaluation: Evaluation) -> dict[str, Any]:
         rate = self.optimizer.lr(self.progress.step)
-        return self.recorder.describe(self.progress, rate, evaluation, self.optimizer.records)
+        tested = math.nan if self.tested is None else self.tested(self.theta)
+        monitored = {**self.optimizer.records, "test_error": tested}
+        return self.recorder.describe(self.progress, rate, evaluation, monitored)
 
     def _total(self, evaluation: Evaluation) -> float:
         """Sum of the scaled terms at a record, infinite where it is not defined."""
@@ -384,7 +388,12 @@ class Trainer:
 
 def summary(row: dict[str, Any], progress: Progress) -> str:
     """Return the result of a run in one line."""
-    parts = [f"sol {row['sol']:.4g}", f"dense error {row['dense_error']:.4g}", f"max real {row['max_real']:.3g} 1/s"]
+    errors = [
+        f"{name.replace('_', ' ')} {row[name]:.4g}"
+        for name in ("dense_error", "test_error")
+        if not math.isnan(row.get(name, math.nan))
+    ]
+    parts = [f"sol {row['sol']:.4g}", *errors, f"max real {row['max_real']:.3g} 1/s"]
     if progress.unsolvable_steps:
         parts.append(f"{progress.unsolvable_steps} unsolvable steps")
     if progress.converged_at is not None:
