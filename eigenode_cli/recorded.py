@@ -19,13 +19,13 @@ from eigenode_cli.config.check import examine, normalise
 from eigenode_cli.config.compose import restore, run_config, typed
 from eigenode_cli.config.composer import Composer, keep_composition
 from eigenode_cli.config.schema import TrainConfig
-from eigenode_cli.config.warm_start import empty_field, load_field
+from eigenode_cli.config.warm_start import empty_field, load_field, started_from
 from eigenode_cli.model import VectorField
 from eigenode_cli.reporting.figures import draw_figure, figures_of
 from eigenode_cli.runs.paths import claim_folder, importable, new_folder, run_folder
 from eigenode_cli.runs.reader import Run, open_run
 from eigenode_cli.runs.runfile import RUN, RecordError, config_dirs, read_record
-from eigenode_cli.solve.settings import AdaptiveSolver
+from eigenode_cli.solve.settings import TIGHT
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.jacobian import jacobian
@@ -33,9 +33,6 @@ from eigenode_cli.training.ending import INTERRUPTED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-TIGHT = AdaptiveSolver(rtol=1e-7, atol=1e-9, max_steps=100_000)
-"""Solver of a simulation: the learned field is shown, not the error of the solver that it was trained with."""
 
 
 @dataclass(frozen=True)
@@ -124,11 +121,7 @@ class RecordedRun:
 
     def initial_state(self) -> Floats:
         """Return the state `(n,)` that the model starts from: what is known, and trained values of the rest."""
-        start, known = np.array(self.config.system.initial_state), self.config.system.initial_known
-        trained = self._model[1]
-        if known is not None and trained is not None:
-            start[[name not in known for name in self.states]] = trained
-        return start
+        return started_from(self.config, self.states, self._model[1])
 
     def simulate(self, times: Sequence[float] | Floats, initial_state: Sequence[float] | None = None) -> Floats:
         """Return the model's states `(D, n)` at ascending `times (D,)` in s, the first one that of the initial state.

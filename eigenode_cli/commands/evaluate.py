@@ -14,8 +14,9 @@ MEASURED = ("name", "target", "points", "observed", "noise", "initial_known")
 def evaluate(args: argparse.Namespace) -> int:
     """Print the errors of the model against the truth, state by state."""
     from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415  # torch, once it is needed
-    from eigenode_cli.recorded import TIGHT, load_run  # noqa: PLC0415
+    from eigenode_cli.recorded import load_run  # noqa: PLC0415
     from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
+    from eigenode_cli.solve.settings import TIGHT  # noqa: PLC0415
 
     if args.points < 2:
         raise UserError(f"--points {args.points}: must be at least 2")

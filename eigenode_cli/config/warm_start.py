@@ -1,5 +1,7 @@
 """Warm start: a run that begins with the weights of another one."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from eigenode_cli.arrays import Floats
@@ -42,6 +44,20 @@ def load_field(field: VectorField, text: str, step: int | None = None) -> Floats
     if linear is not None and field.linear is not None:
         field.linear.load_state_dict({"weight": linear})
     return None if initial is None else initial.numpy().copy()
+
+
+def started_from(config: TrainConfig, states: Sequence[str], trained: Floats | None) -> Floats:
+    """Return the state `(n,)` that a model starts from: what is known, and trained values of the rest.
+
+    Args:
+        config: of its run.
+        states: their names.
+        trained: values of the states that are not known, None where all are.
+    """
+    start, known = np.array(config.system.initial_state), config.system.initial_known
+    if known is not None and trained is not None:
+        start[[name not in known for name in states]] = trained
+    return start
 
 
 def warm_start(text: str, field: VectorField, theta: Floats) -> Floats:

@@ -1,0 +1,157 @@
+"""The exported model of a recorded run: weights of a checkpoint, range of the training, modes."""
+
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import torch
+
+from eigenode_cli import __version__
+from eigenode_cli.arrays import Complexes, Floats
+from eigenode_cli.config.compose import restore
+from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.warm_start import empty_field, load_field, started_from
+from eigenode_cli.data.targets import targets_of_spectra
+from eigenode_cli.errors import UserError
+from eigenode_cli.export.exported import ExportedModel, Layer, Monomials, Perceptron
+from eigenode_cli.model import Mlp, Polynomial, VectorField
+from eigenode_cli.runs.paths import importable, run_folder
+from eigenode_cli.runs.reader import Run, open_run
+from eigenode_cli.runs.runfile import RecordError, config_dirs, read_record
+from eigenode_cli.solve.settings import TIGHT
+from eigenode_cli.solve.trajectory import solve
+from eigenode_cli.spectra.eig import eigvals
+from eigenode_cli.spectra.equilibrium import equilibrium
+from eigenode_cli.spectra.jacobian import jacobian
+from eigenode_cli.spectra.pairs import rounding_levels, without_rounding
+
+POINTS = 1001
+"""Equidistant times over the training horizon at which range and spectra are looked at."""
+SHARE, FEWEST_STEPS = 0.05, 200
+"""A fixed step is at most this share of 1/|eigenvalue|, and there are at least so many in the training horizon."""
+
+
+def exported_model(run: str | Path, step: int | None = None) -> ExportedModel:
+    """Return what is exported of a run.
+
+    Args:
+        run: its folder, or its name under outputs/.
+        step: of the checkpoint; None for that of the run's result.
+
+    Raises:
+        UserError: there is no such run or checkpoint, its network is none that can be exported, or a weight of it is
+            not finite.
+    """
+    folder = run_folder(str(run))
+    record = read_record(folder)
+    opened = open_run(folder)
+    with importable(".", *config_dirs(opened.command)):
+        config = restore(opened.config, record.get("schemas"))
+        field = empty_field(config)
+        network = type(field.network)
+        if network not in (Mlp, Polynomial):
+            raise UserError(
+                f"{run}: the network {config.network.target} is a class of your own; only"
+                " network=mlp and network=polynomial can be exported"
+            )
+        try:
+            trained = load_field(field, str(folder), step)
+        except ValueError as error:
+            raise RecordError(f"{run}: the checkpoint does not go with run.json: {error}") from error
+    try:
+        return _model(opened, config, field, trained)
+    except ValueError as error:
+        raise UserError(f"{run}: cannot be exported: {error}") from error
+
+
+def _model(run: Run, config: TrainConfig, field: VectorField, trained: Floats | None) -> ExportedModel:
+    if not run.states:
+        raise ValueError(f"the run {run.status} before its system was built")
+    initial = started_from(config, [state.name for state in run.states], trained)
+    start, end = float(run.data.times[0]), float(run.data.times[-1])
+    path = _trajectory(field, initial, start, end)
+    lowest, highest = _range(run.data.seen, path)
+    modes, modes_at, fastest = _modes(run, field, path)
+    return ExportedModel(
+        name=run.system,
+        states=run.states,
+        network=_network(field),
+        linear=None if field.linear is None else field.linear.weight.detach().numpy().copy(),
+        structure=field.structure,
+        state_units=np.ones(len(run.states)),
+        initial_state=initial,
+        start=start,
+        end=end,
+        lowest=lowest,
+        highest=highest,
+        modes=modes,
+        modes_at=modes_at,
+        step=min((end - start) / FEWEST_STEPS, SHARE / max(fastest, 1e-300)),
+        command=run.command,
+        run=run.folder.resolve().name,
+        version=run.versions.get("eigenode", __version__),
+    )
+
+
+def _network(field: VectorField) -> Perceptron | Monomials:
+    """Return the network's numbers, copied."""
+    network = field.network
+    if isinstance(network, Polynomial):
+        return Monomials(network.exponents.numpy().copy(), network.coefficients.detach().numpy().copy())
+    mlp = cast(Mlp, network)
+    weights = {name: tensor.detach().numpy().copy() for name, tensor in mlp.state_dict().items()}
+    return Perceptron(
+        layers=tuple(
+            Layer(weights[f"layers.{number}.weight"], weights[f"layers.{number}.bias"])
+            for number in range(len(mlp.layers))
+        ),
+        activation=mlp.activation,
+        input_scale=weights.get("input_scale"),
+        output_scale=weights.get("output_scale"),
+    )
+
+
+def _trajectory(field: VectorField, initial: Floats, start: float, end: float) -> Floats:
+    """Return the model's states over the training horizon, as far as it can be solved `(D, n)`."""
+    times = torch.linspace(start, end, POINTS, dtype=torch.float64)
+    with torch.no_grad():
+        return solve(field, torch.from_numpy(initial), times, TIGHT).states.numpy()
+
+
+def _range(measured: Floats, path: Floats) -> tuple[Floats, Floats]:
+    """Return the lowest and highest value `(n,)` of each state in training.
+
+    Those of the measurements; where nothing was measured of a state, those of the trajectory that was trained.
+    """
+    known = np.isfinite(measured).any(axis=0)
+    seen = np.where(known, measured, np.nan)
+    low = np.where(known, np.nanmin(np.where(known, seen, 0.0), axis=0), path.min(axis=0))
+    high = np.where(known, np.nanmax(np.where(known, seen, 0.0), axis=0), path.max(axis=0))
+    return low, high
+
+
+def _modes(run: Run, field: VectorField, path: Floats) -> tuple[tuple[tuple[float, float], ...], str, float]:
+    """Return the modes, where they are, and the largest modulus in 1/s of an eigenvalue along the trajectory."""
+    spectra, levels = _spectra(field, path)
+    fastest = float(np.abs(spectra).max())
+    rest = equilibrium(field, path)
+    where = "median along the trajectory of the training"
+    if rest is not None:
+        spectra, levels = _spectra(field, rest[None])
+        values = (f"{state.name} = {value:.6g}" for state, value in zip(run.states, rest, strict=True))
+        where = f"at the equilibrium {', '.join(values)}"
+    found = targets_of_spectra(without_rounding(spectra, levels), levels)
+    count = int(np.median(found.pairs))
+    rows = found.pairs == count
+    if count == 0 or not rows.any():
+        return (), where, fastest
+    frequency, damping = (np.median(part[rows, :count], axis=0).tolist() for part in (found.frequency, found.damping))
+    return tuple(zip(frequency, damping, strict=True)), where, fastest
+
+
+def _spectra(field: VectorField, states: Floats) -> tuple[Complexes, Floats]:
+    """Return the eigenvalues `(D, n)` in 1/s at states `(D, n)`, and their rounding levels `(D,)`."""
+    with torch.no_grad():
+        matrices = jacobian(field, torch.from_numpy(states), "autodiff")
+        values = eigvals(matrices)[0].numpy()
+    return values, rounding_levels(matrices.numpy())
