@@ -120,6 +120,7 @@ class ExportedModel:
         modes: damped frequency in Hz and damping ratio of each pair of eigenvalues.
         modes_at: where in the space of the states these are, in words.
         step: size in s of a fixed step of RK4 that resolves the fastest eigenvalue in training.
+        trained_steps: training steps done.
         command: what was typed to make the run.
         run: name of its folder.
         version: of eigenode.
@@ -142,6 +143,7 @@ class ExportedModel:
     modes: tuple[tuple[float, float], ...] = ()
     modes_at: str = ""
     step: float = 0.01
+    trained_steps: int = 0
     command: str = ""
     run: str = ""
     version: str = ""

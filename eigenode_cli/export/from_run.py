@@ -1,5 +1,6 @@
 """The exported model of a recorded run: weights of a checkpoint, range of the training, modes."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -9,12 +10,14 @@ import torch
 from eigenode_cli import __version__
 from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.config.compose import restore
+from eigenode_cli.config.plugins import CUSTOM, load_class
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.warm_start import empty_field, load_field, started_from
 from eigenode_cli.data.targets import targets_of_spectra
 from eigenode_cli.errors import UserError
 from eigenode_cli.export.exported import ExportedModel, Layer, Monomials, Perceptron
 from eigenode_cli.model import Mlp, Polynomial, VectorField
+from eigenode_cli.runs.checkpoints import checkpoint_path
 from eigenode_cli.runs.paths import importable, run_folder
 from eigenode_cli.runs.reader import Run, open_run
 from eigenode_cli.runs.runfile import RecordError, config_dirs, read_record
@@ -47,21 +50,22 @@ def exported_model(run: str | Path, step: int | None = None) -> ExportedModel:
     opened = open_run(folder)
     with importable(".", *config_dirs(opened.command)):
         config = restore(opened.config, record.get("schemas"))
-        field = empty_field(config)
-        network = type(field.network)
-        if network not in (Mlp, Polynomial):
+        if load_class(config.network.target) not in (Mlp, Polynomial):
             raise UserError(
                 f"{run}: the network {config.network.target} is a class of your own; only"
                 " network=mlp and network=polynomial can be exported"
             )
+        field = empty_field(config)
+        checkpoint = checkpoint_path(str(folder), step)
         try:
-            trained = load_field(field, str(folder), step)
+            trained = load_field(field, str(checkpoint))
         except ValueError as error:
             raise RecordError(f"{run}: the checkpoint does not go with run.json: {error}") from error
     try:
-        return _model(opened, config, field, trained)
+        model = _model(opened, config, field, trained)
     except ValueError as error:
         raise UserError(f"{run}: cannot be exported: {error}") from error
+    return replace(model, trained_steps=int(checkpoint.stem.removeprefix("step-")))
 
 
 def _model(run: Run, config: TrainConfig, field: VectorField, trained: Floats | None) -> ExportedModel:
@@ -73,7 +77,7 @@ def _model(run: Run, config: TrainConfig, field: VectorField, trained: Floats | 
     lowest, highest = _range(run.data.seen, path)
     modes, modes_at, fastest = _modes(run, field, path)
     return ExportedModel(
-        name=run.system,
+        name=config.system.target.partition(":")[2] if run.system == CUSTOM else run.system,
         states=run.states,
         network=_network(field),
         linear=None if field.linear is None else field.linear.weight.detach().numpy().copy(),
@@ -152,6 +156,7 @@ def _modes(run: Run, field: VectorField, path: Floats) -> tuple[tuple[tuple[floa
 def _spectra(field: VectorField, states: Floats) -> tuple[Complexes, Floats]:
     """Return the eigenvalues `(D, n)` in 1/s at states `(D, n)`, and their rounding levels `(D,)`."""
     with torch.no_grad():
-        matrices = jacobian(field, torch.from_numpy(states), "autodiff")
+        method = "symbolic" if field.has_symbolic_jacobian else "autodiff"
+        matrices = jacobian(field, torch.from_numpy(states), method)
         values = eigvals(matrices)[0].numpy()
     return values, rounding_levels(matrices.numpy())

@@ -4,16 +4,19 @@ import keyword
 import re
 import sys
 import textwrap
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from numpy.typing import ArrayLike, NDArray
 
-from eigenode_cli.arrays import Floats, Integers
-from eigenode_cli.export.exported import ExportedModel, Monomials, Perceptron
+from eigenode_cli.export.exported import ExportedModel, Perceptron
 
 WIDTH = 120
 """Longest line of numbers."""
+HEAD = 36
+"""Room on it for what stands before an array that fits into one."""
 
 
 def identifier(text: str) -> str:
@@ -47,36 +50,43 @@ def render(template: str, model: ExportedModel, escape: bool = False, **content:
         "python_text": repr,
         "c": c_list,
         "c_text": c_text,
+        "c_texts": c_texts,
         "c_comment": c_comment,
         "plain": plain,
         "number": lambda value: repr(float(value)),
     }
     kind = "perceptron" if isinstance(model.network, Perceptron) else "monomials"
-    assert kind == "perceptron" or isinstance(model.network, Monomials)
     return environment.get_template(template).render(model=model, name=identifier(model.name), kind=kind, **content)
 
 
-def _nested(values: Floats | Integers, opening: str, closing: str, indent: int) -> str:
+def _nested(values: NDArray[Any], brackets: str, indent: int, head: int = HEAD) -> str:
     """Return an array of one or two dimensions with all digits of its numbers, so that they are read back exactly."""
+    opening, closing = brackets
     space = " " * indent
     if values.ndim == 1:
         line = ", ".join(map(repr, values.tolist()))
-        if len(line) + indent + 24 <= WIDTH:
+        if len(line) + indent <= WIDTH - head:
             return f"{opening}{line}{closing}"
-        wrapped = textwrap.fill(line, WIDTH - 1, initial_indent=f"{space}    ", subsequent_indent=f"{space}    ")
-        return f"{opening}\n{wrapped},\n{space}{closing}" if opening == "[" else f"{opening}\n{wrapped}\n{space}{closing}"
-    rows = ",\n".join(f"{space}    {_nested(row, opening, closing, indent + 4)}" for row in values)
-    return f"{opening}\n{rows}{',' if opening == '[' else ''}\n{space}{closing}"
+        inner = f"{space}    "
+        wrapped = textwrap.fill(line, WIDTH - 1, initial_indent=inner, subsequent_indent=inner)
+        return f"{opening}\n{wrapped},\n{space}{closing}"
+    rows = "".join(f"{space}    {_nested(row, brackets, indent + 4, len('{},'))},\n" for row in values)
+    return f"{opening}\n{rows}{space}{closing}"
 
 
-def python_list(values: Floats | Integers, indent: int = 0) -> str:
+def python_list(values: ArrayLike, indent: int = 0) -> str:
     """Return an array as a list of Python."""
-    return _nested(np.asarray(values), "[", "]", indent)
+    return _nested(np.asarray(values), "[]", indent)
 
 
-def c_list(values: Floats | Integers) -> str:
+def c_list(values: ArrayLike) -> str:
     """Return an array as an initialiser of C."""
-    return _nested(np.asarray(values), "{", "}", 0)
+    return _nested(np.asarray(values), "{}", 0)
+
+
+def c_texts(texts: Iterable[str]) -> str:
+    """Return texts as an initialiser of C."""
+    return "{" + ", ".join(map(c_text, texts)) + "}"
 
 
 def c_text(text: str) -> str:

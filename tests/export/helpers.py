@@ -123,3 +123,17 @@ def disagreement(found: Floats, wanted: Floats) -> float:
 
 def _tensor(values: Floats) -> Tensor:
     return torch.from_numpy(np.array(values))
+
+
+def awkward() -> ExportedModel:
+    """A model whose names and command hold all that languages take for their own."""
+    text = 'a"b*/ /*c??/ \\ <&> \u00b5 """ %s {{ x }} {% raw %}\'\n'
+    return made(
+        n=2,
+        k=1,
+        name="9 odd-names",
+        states=(State(f"x{text}", "\u00b0C", "x"), State("y", "1/s", "y")),
+        inputs=(State(f"u{text}", "N m/s^2", "u"),),
+        command=f"eigenode train {text}",
+        run="a*/b",
+    )
