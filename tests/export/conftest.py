@@ -29,8 +29,8 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 @pytest.fixture(scope="session")
 def one_run(tmp_path_factory: pytest.TempPathFactory) -> en.RecordedRun:
-    """One of them."""
-    return trained("oscillator", tmp_path_factory)
+    """One of them, which has a mode."""
+    return trained("scaled", tmp_path_factory)
 
 
 _TRAINED: dict[str, en.RecordedRun] = {}

@@ -1,6 +1,7 @@
 """Models made by hand, what eigenode's own modules say of them, and how far a file's rates are from that."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -88,31 +89,35 @@ def random_points(model: ExportedModel, count: int = STATES) -> tuple[Floats, Fl
     return x, model.input_units * draw.uniform(-3.0, 3.0, (count, len(model.inputs)))
 
 
-def own_rates(model: ExportedModel, x: Tensor, u: Tensor) -> Tensor:
-    """The rates `(N, n)` by eigenode's own network modules."""
-    n, z = len(model.states), torch.cat([x / _tensor(model.state_units), u / _tensor(model.input_units)], dim=-1)
-    network = model.network
+def own_field(model: ExportedModel) -> Callable[[Tensor, Tensor], Tensor]:
+    """The rates `(..., n)` at states and inputs by eigenode's own network modules."""
+    n, size, network = len(model.states), len(model.states) + len(model.inputs), model.network
     if isinstance(network, Monomials):
-        module: torch.nn.Module = Polynomial(z.shape[-1], network.outputs, int(network.exponents.sum(axis=1).max()))
+        module: torch.nn.Module = Polynomial(size, network.outputs, int(network.exponents.sum(axis=1).max()))
         module.load_state_dict({"coefficients": _tensor(network.coefficients)})
     else:
         hidden = [layer.bias.size for layer in network.layers[:-1]]
         scales = [None if s is None else _tensor(s) for s in (network.input_scale, network.output_scale)]
-        module = Mlp(z.shape[-1], hidden, network.outputs, network.activation, "glorot", *scales)
+        module = Mlp(size, hidden, network.outputs, network.activation, "glorot", *scales)
         for number, layer in enumerate(network.layers):
             module.layers[number].load_state_dict({"weight": _tensor(layer.weight), "bias": _tensor(layer.bias)})
-    g = module(z)
-    if model.linear is not None:
-        g = g + z @ _tensor(model.linear).T
-    if model.structure == "second_order":
-        g = torch.cat([z[..., n // 2 : n], g], dim=-1)
-    return g * _tensor(model.state_units) / model.time_unit
+
+    def rates(x: Tensor, u: Tensor) -> Tensor:
+        z = torch.cat([x / _tensor(model.state_units), u / _tensor(model.input_units)], dim=-1)
+        g = module(z)
+        if model.linear is not None:
+            g = g + z @ _tensor(model.linear).T
+        if model.structure == "second_order":
+            g = torch.cat([z[..., n // 2 : n], g], dim=-1)
+        return g * _tensor(model.state_units) / model.time_unit
+
+    return rates
 
 
 def expected(model: ExportedModel, x: Floats, u: Floats) -> Floats:
-    """`own_rates` as an array."""
+    """The same as arrays."""
     with torch.no_grad():
-        return own_rates(model, torch.from_numpy(x), torch.from_numpy(u)).numpy()
+        return own_field(model)(torch.from_numpy(x), torch.from_numpy(u)).numpy()
 
 
 def disagreement(found: Floats, wanted: Floats) -> float:

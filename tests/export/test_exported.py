@@ -76,6 +76,7 @@ def test_without_an_equilibrium_modes_are_medians_along_the_trajectory(
 ) -> None:
     monkeypatch.setattr("eigenode_cli.export.from_run.equilibrium", lambda *_: None)
     model = exported_model(one_run.folder)
+    assert len(model.modes) == 1
     path = one_run.simulate(np.linspace(model.start, model.end, 1001))
     values = np.array([np.linalg.eigvals(_slopes(model, x)) for x in path[::10]])
     upper = values[np.arange(len(values)), values.imag.argmax(axis=1)]

@@ -19,7 +19,7 @@ from eigenode_cli.export.exported import ExportedModel
 from eigenode_cli.export.from_run import exported_model
 from eigenode_cli.export.torch_file import torch_file
 from eigenode_cli.spectra.jacobian import jacobian
-from tests.export.helpers import VARIANTS, awkward, disagreement, expected, made, own_rates, random_points
+from tests.export.helpers import VARIANTS, awkward, disagreement, expected, made, own_field, random_points
 
 
 def imported(model: ExportedModel, folder: Path) -> ModuleType:
@@ -53,7 +53,8 @@ def test_it_is_differentiable(kind: str, tmp_path: Path) -> None:
     field = imported(model, tmp_path).Field()
     x, u = (torch.from_numpy(part) for part in random_points(model, 20))
     found = torch.func.vmap(torch.func.jacrev(field))(x, u)
-    wanted = jacobian(lambda states: own_rates(model, states, u[:, None].expand(*states.shape[:-1], -1)), x, "autodiff")
+    own = own_field(model)
+    wanted = jacobian(lambda states: own(states, u[:, None].expand(*states.shape[:-1], -1)), x, "autodiff")
     assert disagreement(found.numpy(), wanted.detach().numpy()) < 1e-9
     assert not any(parameter.requires_grad for parameter in field.parameters())
     field.requires_grad_()
@@ -81,8 +82,8 @@ def test_it_simulates_with_inputs(tmp_path: Path) -> None:
     assert disagreement(held.numpy(), wanted) > 1e-4
 
 
-def test_it_runs_alone(run: en.RecordedRun, tmp_path: Path) -> None:
-    model = exported_model(run.folder)
+def test_it_runs_alone(one_run: en.RecordedRun, tmp_path: Path) -> None:
+    model = exported_model(one_run.folder)
     path = tmp_path / "alone.py"
     path.write_text(torch_file(model))
     tree = ast.parse(path.read_text())
@@ -94,10 +95,10 @@ def test_it_runs_alone(run: en.RecordedRun, tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-W", "error", path], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     table = pd.read_csv(io.StringIO(done.stdout))
-    assert list(table.columns) == ["t", *run.states]
-    wanted = run.simulate(table["t"].to_numpy())
+    assert list(table.columns) == ["t", *one_run.states]
+    wanted = one_run.simulate(table["t"].to_numpy())
     assert len(table) == 101
-    assert disagreement(table[list(run.states)].to_numpy(), wanted) < 1e-5
+    assert disagreement(table[list(one_run.states)].to_numpy(), wanted) < 1e-5
 
 
 def test_its_constants(tmp_path: Path) -> None:
