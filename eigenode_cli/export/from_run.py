@@ -137,7 +137,7 @@ def _range(measured: Floats, path: Floats) -> tuple[Floats, Floats]:
 def _modes(run: Run, field: VectorField, path: Floats) -> tuple[tuple[tuple[float, float], ...], str, float]:
     """Return the modes, where they are, and the largest modulus in 1/s of an eigenvalue along the trajectory."""
     spectra, levels = _spectra(field, path)
-    fastest = float(np.abs(spectra).max())
+    fastest = float(np.abs(spectra).max(initial=0.0))
     rest = equilibrium(field, path)
     where = "median along the trajectory of the training"
     if rest is not None:
@@ -145,7 +145,7 @@ def _modes(run: Run, field: VectorField, path: Floats) -> tuple[tuple[tuple[floa
         values = (f"{state.name} = {value:.6g}" for state, value in zip(run.states, rest, strict=True))
         where = f"at the equilibrium {', '.join(values)}"
     found = targets_of_spectra(without_rounding(spectra, levels), levels)
-    count = int(np.median(found.pairs))
+    count = int(np.median(found.pairs)) if found.pairs.size else 0
     rows = found.pairs == count
     if count == 0 or not rows.any():
         return (), where, fastest
@@ -154,9 +154,10 @@ def _modes(run: Run, field: VectorField, path: Floats) -> tuple[tuple[tuple[floa
 
 
 def _spectra(field: VectorField, states: Floats) -> tuple[Complexes, Floats]:
-    """Return the eigenvalues `(D, n)` in 1/s at states `(D, n)`, and their rounding levels `(D,)`."""
+    """Return the eigenvalues `(D, n)` in 1/s where the Jacobian is finite, and their rounding levels `(D,)`."""
     with torch.no_grad():
         method = "symbolic" if field.has_symbolic_jacobian else "autodiff"
         matrices = jacobian(field, torch.from_numpy(states), method)
+        matrices = matrices[torch.isfinite(matrices).all(dim=-1).all(dim=-1)]
         values = eigvals(matrices)[0].numpy()
     return values, rounding_levels(matrices.numpy())
