@@ -110,6 +110,20 @@ def _evaluate(args: argparse.Namespace) -> int:
     return evaluate(args)
 
 
+def _export_arguments(parser: argparse.ArgumentParser) -> None:
+    _run_argument(parser)
+    parser.add_argument("--to", metavar="FORMAT", help="onnx, torch, c or fmu")
+    parser.add_argument("--output", metavar="FILE", help="by default RUN/export/<system> with the ending of the format")
+    parser.add_argument("--step", metavar="N", type=int, help="weights of this training step, by default the result")
+    parser.add_argument("--precision", metavar="TYPE", default="float64", help="float64, or float32 for onnx (float64)")
+
+
+def _export(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.export import export  # noqa: PLC0415
+
+    return export(args)
+
+
 def _reproduce_arguments(parser: argparse.ArgumentParser) -> None:
     from eigenode_cli.commands.reproduce import add_arguments  # noqa: PLC0415
 
@@ -150,6 +164,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("train", "one training run, or a sweep of them with -m", _train_arguments, _train),
     Command("reproduce", "the paper: its runs, figures and claims, checked", _reproduce_arguments, _reproduce),
     Command("evaluate", "a trained model from another initial state or horizon", _evaluate_arguments, _evaluate),
+    Command("export", "the learned vector field as ONNX, torch, C or an FMU", _export_arguments, _export),
     Command("resume", "go on with a run where it stopped, or further", _resume_arguments, _resume),
     Command("plot", "draw a run's figures again, from its files", _run_argument, _plot),
     Command("report", "write a run's page again, from its files", _run_argument, _report),

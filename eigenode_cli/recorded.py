@@ -18,10 +18,9 @@ from eigenode_cli.config.build import build_source, build_truth
 from eigenode_cli.config.check import examine, normalise
 from eigenode_cli.config.compose import restore, run_config, typed
 from eigenode_cli.config.composer import Composer, keep_composition
-from eigenode_cli.config.outline import shape_of
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.table_schema import TableConfig
-from eigenode_cli.config.warm_start import INITIAL_STATE, empty_field, load_field
+from eigenode_cli.config.warm_start import empty_field, load_field, recorded_scaling, started_from
 from eigenode_cli.data.dataset import Series
 from eigenode_cli.data.scaling import Scaling
 from eigenode_cli.data.source import Source
@@ -32,7 +31,7 @@ from eigenode_cli.runs.paths import claim_folder, importable, new_folder, run_fo
 from eigenode_cli.runs.reader import Run, open_run
 from eigenode_cli.runs.runfile import RUN, RecordError, config_dirs, read_record
 from eigenode_cli.solve.drive import Drive
-from eigenode_cli.solve.settings import AdaptiveSolver, Solver
+from eigenode_cli.solve.settings import TIGHT, Solver
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.jacobian import jacobian
@@ -40,9 +39,6 @@ from eigenode_cli.training.ending import INTERRUPTED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-TIGHT = AdaptiveSolver(rtol=1e-7, atol=1e-9, max_steps=100_000)
-"""Solver of a simulation: the learned field is shown, not the error of the solver that it was trained with."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +92,7 @@ class RecordedRun:
     @cached_property
     def scaling(self) -> Scaling:
         """Internal units of the run; ones where the data were simulated."""
-        units = self.record.get("system", {}).get("scaling")
-        if units is None:
-            return Scaling.none(*shape_of(self.config.system))
-        return Scaling(float(units["time"]), np.array(units["states"]), np.array(units["inputs"]))
+        return recorded_scaling(self.record, self.config)
 
     @cached_property
     def source(self) -> Source:
@@ -155,16 +148,7 @@ class RecordedRun:
         Args:
             trajectory: which one of several.
         """
-        system, trained = self.config.system, self._model[1].get(INITIAL_STATE)
-        if isinstance(system, TableConfig):
-            if trained is None:
-                raise RecordError(f"{self.folder}: the checkpoint has no initial state")
-            n = len(self.states)
-            return trained[n * trajectory : n * (trajectory + 1)] * self.scaling.states
-        start = np.array(system.initial_state)
-        if system.initial_known is not None and trained is not None:
-            start[[name not in system.initial_known for name in self.states]] = trained
-        return start
+        return started_from(self.config, self.states, self._model[1], self.scaling, trajectory)
 
     def simulate(
         self,

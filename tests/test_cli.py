@@ -263,7 +263,7 @@ def test_plot_and_report_print_what_they_wrote(
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("eigenode tr", "train reproduce evaluate resume plot report bench list validate"),
+        ("eigenode tr", "train reproduce evaluate export resume plot report bench list validate"),
         ("eigenode train system=", "system=custom system=oscillator system=sparse_oscillator system=vdp"),
         ("eigenode train scale.s", "scale.sol= scale.stb= scale.stf="),
         ("eigenode plot ", ""),

@@ -24,6 +24,7 @@ ORDER = (
     ("reporting",),
     ("config",),
     ("batch",),
+    ("export",),
     ("recorded",),
     ("bench",),
     ("reproduce",),

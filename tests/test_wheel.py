@@ -28,7 +28,8 @@ def test_wheel_runs_from_another_folder(tmp_path: Path) -> None:
     elsewhere.mkdir()
     environment = {**os.environ, "PYTHONPATH": str(site)}
     run = [sys.executable, "-m", "eigenode_cli"]
-    for words in (["validate"], ["train", "system=oscillator", "trainer.steps=3", "hydra.run.dir=run"]):
+    train = ["train", "system=oscillator", "trainer.steps=3", "hydra.run.dir=run"]
+    for words in (["validate"], train, ["export", "run", "--to", "c"]):
         done = subprocess.run(
             [*run, *words], cwd=elsewhere, env=environment, capture_output=True, text=True, check=False
         )

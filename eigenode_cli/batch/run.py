@@ -18,6 +18,9 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
+from eigenode_cli.arrays import Floats
+from eigenode_cli.batch.baselines import baselines
+from eigenode_cli.batch.baselines import summary as baseline_errors
 from eigenode_cli.batch.measured import measured_description, recorded_units
 from eigenode_cli.batch.resumption import check_saved
 from eigenode_cli.batch.stability import not_stable, stability
@@ -27,11 +30,12 @@ from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 from eigenode_cli.config.setup import Setup, build
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.engines.base import unheard
+from eigenode_cli.engines.holdout import Holdout
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.interruption import check
 from eigenode_cli.model import load_flat
 from eigenode_cli.runs.atomic import Reserve, WriteError, write_text
-from eigenode_cli.runs.final_outputs import write_eigenvalues, write_measured, write_solution
+from eigenode_cli.runs.final_outputs import write_eigenvalues, write_equilibrium, write_measured, write_solution
 from eigenode_cli.runs.lock import locked
 from eigenode_cli.runs.recorder import Recorder, load_last, write_data, write_json
 from eigenode_cli.runs.runfile import VERSION, resume_command
@@ -190,12 +194,22 @@ def _train(
     load_flat(setup.field, theta)
     write_solution(folder, source, setup.engine, theta)
     write_eigenvalues(folder, source, setup.field, setup.engine, theta, setup.problem, setup.target)
+    along = setup.engine.evaluate(theta, setup.problem.data.times).dense
+    write_equilibrium(folder, source, setup.field, along, setup.target)
     if holdout is not None:
-        write_measured(folder, source, holdout.predictions(theta))
+        record |= _measured_outcome(setup, folder, holdout, theta)
     record |= {"final": last, "summary": summary(last, trainer.progress), "stability": stability(setup, theta)}
     if (said := not_stable(setup, record["stability"])) is not None:
         shown.say(said)
     return trainer.ending
+
+
+def _measured_outcome(setup: Setup, folder: Path, holdout: Holdout, theta: Floats) -> dict[str, Any]:
+    """Write the model beside the measurements, and return what run.json says of baselines."""
+    found = baselines(setup, holdout)
+    shown = {"model": holdout.predictions(theta)} | {name: one.predictions for name, one in found.items()}
+    write_measured(folder, setup.source, shown)
+    return {"baselines": baseline_errors(found)}
 
 
 def _elapsed(offset: float) -> float:

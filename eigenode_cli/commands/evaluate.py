@@ -4,6 +4,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from eigenode_cli.commands.evaluate_measured import evaluate_measured
+from eigenode_cli.config.table_schema import TableConfig
 from eigenode_cli.console import number, show_table
 from eigenode_cli.errors import UserError
 
@@ -14,14 +16,19 @@ MEASURED = ("name", "target", "points", "observed", "noise", "initial_known")
 def evaluate(args: argparse.Namespace) -> int:
     """Print the errors of the model against the truth, state by state."""
     from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415  # torch, once it is needed
-    from eigenode_cli.recorded import TIGHT, load_run  # noqa: PLC0415
+    from eigenode_cli.recorded import load_run  # noqa: PLC0415
     from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
+    from eigenode_cli.solve.settings import TIGHT  # noqa: PLC0415
 
     if args.points < 2:
         raise UserError(f"--points {args.points}: must be at least 2")
     run = load_run(args.run)
+    if isinstance(run.config.system, TableConfig):
+        return evaluate_measured(args, run)
     own = [f"system.{name}" for name in run.record["config"]["system"] if name not in MEASURED]
     config = restore(with_changes(run.record["config"], args.words, own), run.record.get("schemas"))
+    if isinstance(config.system, TableConfig):
+        raise TypeError("a run on measured data")
     start = list(config.system.initial_state)
     given = any(word.startswith("system.initial_state=") for word in args.words)
     try:

@@ -1,11 +1,16 @@
 """Warm start: a run that begins with the weights of another one."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.config.build import build_field
 from eigenode_cli.config.outline import shape_of
 from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.table_schema import TableConfig
+from eigenode_cli.data.scaling import Scaling
 from eigenode_cli.model import VectorField, flat_parameters
 from eigenode_cli.runs.checkpoints import checkpoint_path, load_checkpoint
 
@@ -45,6 +50,41 @@ def load_field(field: VectorField, text: str, step: int | None = None) -> dict[s
     if linear is not None and field.linear is not None:
         field.linear.load_state_dict({"weight": linear})
     return own
+
+
+def recorded_scaling(record: Mapping[str, Any], config: TrainConfig) -> Scaling:
+    """Return the internal units of a run, from its run.json; ones where the data were simulated."""
+    units = record.get("system", {}).get("scaling")
+    if units is None:
+        return Scaling.none(*shape_of(config.system))
+    return Scaling(float(units["time"]), np.array(units["states"]), np.array(units["inputs"]))
+
+
+def started_from(
+    config: TrainConfig, states: Sequence[str], trained: Mapping[str, Floats], scaling: Scaling, trajectory: int = 0
+) -> Floats:
+    """Return the state `(n,)` that a model starts from: what is known, and trained values of the rest.
+
+    Args:
+        config: of its run.
+        states: their names.
+        trained: blocks beside the field's that `load_field` returned.
+        scaling: internal units.
+        trajectory: which one of several.
+
+    Raises:
+        ValueError: there is no such trajectory.
+    """
+    system, values = config.system, trained.get(INITIAL_STATE, np.empty(0))
+    if isinstance(system, TableConfig):
+        own = values[len(states) * trajectory : len(states) * (trajectory + 1)]
+        if own.size != len(states):
+            raise ValueError(f"trajectory {trajectory}: there are {values.size // len(states)}")
+        return own * scaling.states
+    start, known = np.array(system.initial_state), system.initial_known
+    if known is not None and values.size:
+        start[[name not in known for name in states]] = values
+    return start
 
 
 def warm_start(text: str, field: VectorField, theta: Floats) -> Floats:

@@ -1,6 +1,6 @@
 """What a finished training says about the learned system: solution.csv, eigenvalues.csv, equilibrium.csv, data.csv."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField, held
 from eigenode_cli.runs.recorder import write_table
 from eigenode_cli.spectra.eig import eig
+from eigenode_cli.spectra.equilibrium import equilibrium, spectrum_at
 from eigenode_cli.spectra.jacobian import jacobian
 from eigenode_cli.spectra.pairs import UNMATCHED, rounding_levels, without_rounding
 from eigenode_cli.spectra.tracking import assign, track
@@ -42,15 +43,16 @@ def write_solution(folder: Path, source: Source, engine: Engine, theta: Floats) 
     write_table(folder / "solution.csv", header, rows)
 
 
-def write_measured(folder: Path, source: Source, predictions: Sequence[Floats] | None = None) -> None:
-    """Write data.csv of measured trajectories: channels, the model beside them, and whether a row was held out.
+def write_measured(folder: Path, source: Source, predictions: Mapping[str, Sequence[Floats]] | None = None) -> None:
+    """Write data.csv of measured trajectories: channels, predictions beside them, and whether a row was held out.
 
     Args:
         folder: of the run.
         source: with what was measured.
-        predictions: channels of each trajectory by the model `(N, C)` in internal units; None while there are none.
+        predictions: by the name that stands before their columns, `model` first: channels of each trajectory `(N, C)`
+            in internal units; None while there are none.
     """
-    measured = source.measured
+    measured, found = source.measured, dict(predictions or {})
     if measured is None:
         raise ValueError("the data were simulated")
     names, scaling = [state.name for state in source.states], source.scaling
@@ -59,12 +61,11 @@ def write_measured(folder: Path, source: Source, predictions: Sequence[Floats] |
     units = np.concatenate([scaling.states, scaling.rates])[: len(channels)]
     rows: list[list[Any]] = []
     for number, one in enumerate(measured.trajectories):
-        series = one.series
-        shown = np.full(series.channels.shape, np.nan) if predictions is None else predictions[number] * units
-        numbers = np.column_stack([series.times, series.channels, shown]).tolist()
+        shown = [every[number] * units for every in found.values()]
+        numbers = np.column_stack([one.series.times, one.series.channels, *shown]).tolist()
         rows += [[*row, "train" if i < one.trained else "test", number] for i, row in enumerate(numbers)]
-    header = ["t", *channels, *(f"model_{name}" for name in channels), "part", "trajectory"]
-    write_table(folder / "data.csv", header, rows)
+    beside = [f"{kind}_{name}" for kind in found for name in channels]
+    write_table(folder / "data.csv", ["t", *channels, *beside, "part", "trajectory"], rows)
 
 
 def write_eigenvalues(
@@ -103,3 +104,28 @@ def write_eigenvalues(
             for mode, (value, goal) in enumerate(zip(spectrum.tolist(), goals.tolist(), strict=True))
         ]
     write_table(folder / "eigenvalues.csv", ["t", "mode", "re", "im", "target_re", "target_im"], rows)
+
+
+def write_equilibrium(folder: Path, source: Source, field: VectorField, states: Floats, target: Target) -> None:
+    """Write equilibrium.csv: the eigenvalues where the field without inputs is zero, with targets; no rows without one.
+
+    Args:
+        folder: of the run.
+        source: with the internal units.
+        field: with the trained parameters.
+        states: along the trajectory `(D, n)`, near which the equilibrium is looked for.
+        target: what the pairs are compared with.
+    """
+    header = ["mode", "re", "im", "target_re", "target_im", "frequency", "damping_ratio"]
+    header += [f"equilibrium_{state.name}" for state in source.states]
+    rest, rows = equilibrium(field, states), []
+    if rest is not None:
+        spectrum = source.scaling.eigenvalues(spectrum_at(field, rest))
+        wanted = source.scaling.eigenvalues(target.spectra(source.dataset.series[0].times[:1])[0])
+        goals, mode_of = np.full(spectrum.size, complex(np.nan, np.nan)), assign(spectrum, wanted)
+        goals[mode_of[mode_of != UNMATCHED]] = wanted[mode_of != UNMATCHED]
+        place = (rest * source.scaling.states).tolist()
+        for mode, (value, goal) in enumerate(zip(spectrum.tolist(), goals.tolist(), strict=True)):
+            numbers = [value.real, value.imag, goal.real, goal.imag, abs(value.imag) / (2.0 * np.pi)]
+            rows.append([mode, *numbers, -value.real / abs(value) if value != 0.0 else np.nan, *place])
+    write_table(folder / "equilibrium.csv", header, rows)

@@ -110,6 +110,7 @@ class Run:
         config: the resolved configuration.
         system, title: name of the system, and its name for people.
         states: name, unit and symbol of each state `(n,)`; none of a run that failed before it was built.
+        inputs: name, unit and symbol of each input.
         grads: names of the terms that trained, canonical order.
         engine: the engine that computed the loss Jacobian; empty of a run that failed before it was built.
         parameters: number of learned parameters.
@@ -124,6 +125,7 @@ class Run:
     system: str
     title: str
     states: tuple[State, ...]
+    inputs: tuple[State, ...]
     grads: tuple[str, ...]
     protocol: str
     seed: int
@@ -185,10 +187,8 @@ def open_run(folder: Path) -> Run:
     if status not in STATUSES:
         raise RecordError(f"run.json: status is '{status}', not one of {', '.join(STATUSES)}")
     built = "system" in content or status == "finished"
-    states = tuple(
-        State(name=entry.text("name"), unit=entry.text("unit"), symbol=entry.text("symbol"))
-        for entry in (record.entries("system.states") if built else [])
-    )
+    states = _states(record.entries("system.states")) if built else ()
+    driven = built and bool(content["system"].get("inputs"))
     return Run(
         folder=folder,
         status=status,
@@ -197,6 +197,7 @@ def open_run(folder: Path) -> Run:
         system=record.text("config.system.name"),
         title=record.text("system.title" if built else "config.system.name"),
         states=states,
+        inputs=_states(record.entries("system.inputs")) if driven else (),
         grads=canonical(split_grads(record.text("config.grads"))),
         protocol=record.text("config.protocol"),
         seed=record.integer("config.seed"),
@@ -205,6 +206,12 @@ def open_run(folder: Path) -> Run:
         command=record.text("command"),
         versions={name: str(version) for name, version in record.mapping("versions").items()},
         commit=record.optional_text("git_commit"),
+    )
+
+
+def _states(entries: Sequence[Record]) -> tuple[State, ...]:
+    return tuple(
+        State(name=entry.text("name"), unit=entry.text("unit"), symbol=entry.text("symbol")) for entry in entries
     )
 
 

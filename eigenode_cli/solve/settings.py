@@ -43,4 +43,7 @@ class FixedStepSolver(RungeKutta):
     step: float = 0.01
 
 
+TIGHT = AdaptiveSolver(rtol=1e-7, atol=1e-9, max_steps=100_000)
+"""Solver of a simulation: the learned field is shown, not the error of the solver that it was trained with."""
+
 Solver = AdaptiveSolver | FixedStepSolver

@@ -1,0 +1,62 @@
+"""`eigenode evaluate RUN` of a run on measured data: errors on the same tables or on others, modes, simulations."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eigenode_cli.console import number, show_table
+from eigenode_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from eigenode_cli.recorded import RecordedRun
+
+ROLES = ("system.file", "system.test_files", "system.window", "system.stride", "system.trials", "solver")
+"""Settings that may change: what is looked at, not which column is what."""
+
+
+def evaluate_measured(args: argparse.Namespace, run: "RecordedRun") -> int:
+    """Print how the model does on its own data or on other tables, and its modes at the equilibrium."""
+    from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415  # torch, once it is needed
+    from eigenode_cli.config.evaluation import predictions  # noqa: PLC0415
+
+    config = restore(with_changes(run.record["config"], args.words, ROLES), run.record.get("schemas"))
+    table = predictions(run.folder, run.config, config)
+    rows = [[str(cell) if isinstance(cell, str) else number(cell) for cell in row] for row in table.to_numpy().tolist()]
+    header = [str(name) for name in table.columns]
+    show_table(header, rows, f"{run.folder.name}: model beside the measurements", right=header[3:])
+    known = run.record.get("baselines") or {}
+    if not args.words and known:
+        parts = [f"{name} {number(error)}" for name, error in known.items()]
+        model = run.record["final"].get("test_error")
+        print(f"test error: model {number(model)}, {', '.join(parts)}")
+    _show_modes(run.folder)
+    if args.output:
+        from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
+
+        write_text(Path(args.output), table.to_csv(index=False))
+        print(args.output)
+    return 0
+
+
+def _show_modes(folder: Path) -> None:
+    """Print the modes at the equilibrium beside the stated ones."""
+    import pandas as pd  # noqa: PLC0415
+
+    path = folder / "equilibrium.csv"
+    if not path.is_file():
+        raise UserError(f"{path}: is missing; the run was made by an earlier version, or did not finish")
+    table = pd.read_csv(path)
+    upper = table[table["im"] > 0.0]
+    if upper.empty:
+        print("no oscillating pair at the equilibrium" if len(table) else "no equilibrium was found")
+        return
+    rows = []
+    for values in upper.sort_values("frequency")[["frequency", "damping_ratio", "target_re", "target_im"]].to_numpy():
+        hertz, ratio, real, imaginary = values.tolist()
+        modulus = float(np.hypot(real, imaginary))
+        stated = (imaginary / (2.0 * np.pi), -real / modulus) if np.isfinite(modulus) else (np.nan, np.nan)
+        rows.append([number(value) for value in (hertz, stated[0], ratio, stated[1])])
+    header = ("frequency in Hz", "stated", "damping ratio", "stated ")
+    show_table(header, rows, "modes at the equilibrium", right=header)

@@ -1,0 +1,132 @@
+"""Frequencies in a measured signal: a periodogram of unequal times, its peaks, and the damping by decay."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import find_peaks, lombscargle
+
+from eigenode_cli.arrays import Floats
+
+OVERSAMPLING = 8
+"""Frequencies of the grid for each that the length of the record tells apart."""
+MOST = 20_000
+"""Largest number of frequencies of the grid."""
+PROMINENT = 0.02
+"""A peak counts if it stands out by this share of the highest one."""
+FEWEST_PERIODS = 2.0
+"""Periods that a record must have for a decrement."""
+
+
+@dataclass(frozen=True)
+class Periodogram:
+    """Amplitude over frequency.
+
+    Attributes:
+        frequency: in Hz `(F,)`; amplitude: of the sine that fits best there, in the unit of the signal `(F,)`.
+    """
+
+    frequency: Floats
+    amplitude: Floats
+
+
+def periodogram(times: Floats, signal: Floats) -> Periodogram:
+    """Return the Lomb-Scargle periodogram of samples `(N,)` at `times (N,)` in s, mean and trend removed.
+
+    J. D. Scargle, Studies in astronomical time series analysis II, Astrophys. J. 263 (1982) 835-853, in
+    `scipy.signal.lombscargle` with a floating mean.
+    """
+    span = float(times[-1] - times[0])
+    spacing = float(np.median(np.diff(times)[np.diff(times) > 0.0]))
+    highest = 0.5 / spacing
+    count = int(min(MOST, max(16, OVERSAMPLING * highest * span)))
+    frequency = np.linspace(highest / count, highest, count)
+    level = signal - np.polynomial.Polynomial.fit(times, signal, 1)(times)
+    if not np.ptp(level) > 0.0:
+        return Periodogram(frequency, np.zeros(count))
+    found = lombscargle(times - times[0], level, 2.0 * np.pi * frequency, normalize="amplitude", floating_mean=True)
+    return Periodogram(frequency, np.abs(found))
+
+
+def peaks(found: Periodogram, most: int = 4) -> Floats:
+    """Return the frequencies in Hz of the peaks, the highest one first, between grid points by a parabola."""
+    amplitude = np.concatenate([[0.0], found.amplitude, [0.0]])
+    if not amplitude.any():
+        return np.empty(0)
+    index, _ = find_peaks(amplitude, prominence=PROMINENT * amplitude.max(), distance=OVERSAMPLING // 2)
+    index = index[np.argsort(-amplitude[index])][:most]
+    step = found.frequency[1] - found.frequency[0]
+    left, middle, right = amplitude[index - 1], amplitude[index], amplitude[index + 1]
+    bend = left - 2.0 * middle + right
+    shift = np.where(bend < 0.0, 0.5 * (left - right) / np.where(bend < 0.0, bend, -1.0), 0.0)
+    return found.frequency[index - 1] + step * np.clip(shift, -0.5, 0.5)
+
+
+def dominant_frequency(times: Floats, signal: Floats) -> float | None:
+    """Return the frequency in Hz of the highest peak, None where there is none."""
+    found = peaks(periodogram(times, signal), 1)
+    return float(found[0]) if found.size else None
+
+
+@dataclass(frozen=True)
+class Decay:
+    """Oscillation of a free decay.
+
+    Attributes:
+        frequency: from zero crossings in Hz, and its lowest and highest value over the record.
+        damping: ratio by the logarithmic decrement of successive extremes, and its lowest and highest value.
+    """
+
+    frequency: float
+    frequency_range: tuple[float, float]
+    damping: float
+    damping_range: tuple[float, float]
+
+
+def decay(times: Floats, signal: Floats, frequency: float) -> Decay | None:
+    """Return what the extremes of an oscillation of about this frequency in Hz say; None where they are too few.
+
+    The record is cut into half periods; the largest modulus of each is an extreme. The logarithmic decrement of a line
+    through their logarithms over four periods gives the damping ratio, its spread that along the record.
+    """
+    level = signal - np.polynomial.Polynomial.fit(times, signal, 1)(times)
+    if (times[-1] - times[0]) * frequency < FEWEST_PERIODS:
+        return None
+    crossings = _crossings(times, level, 0.25 / frequency)
+    if crossings.size < 4:
+        return None
+    extremes = [np.abs(level[(times >= a) & (times <= b)]).max(initial=0.0) for a, b in pairwise(crossings)]
+    sizes, middles = np.array(extremes), 0.5 * (crossings[1:] + crossings[:-1])
+    kept = sizes > 0.02 * sizes.max()
+    if kept.sum() < 3:
+        return None
+    sizes, middles = sizes[kept], middles[kept]
+    halves = np.diff(crossings)
+    window = max(3, min(8, sizes.size))
+    rates = [
+        -np.polynomial.Polynomial.fit(middles[i : i + window], np.log(sizes[i : i + window]), 1).convert().coef[-1]
+        for i in range(sizes.size - window + 1)
+    ]
+    own = np.array([0.5 / halves[i : i + window].mean() for i in range(max(1, halves.size - window + 1))])
+    angular = 2.0 * np.pi * float(np.median(own))
+    ratios = np.array([rate / np.hypot(rate, angular) for rate in rates])
+    return Decay(
+        float(np.median(own)),
+        (float(own.min()), float(own.max())),
+        float(np.median(ratios)),
+        (float(ratios.min()), float(ratios.max())),
+    )
+
+
+def _crossings(times: Floats, level: Floats, apart: float) -> Floats:
+    """Return the times of the zero crossings `(Z,)`, those nearer to the last one than `apart` left out."""
+    index = np.flatnonzero(np.signbit(level[1:]) != np.signbit(level[:-1]))
+    if not index.size:
+        return np.empty(0)
+    share = level[index] / (level[index] - level[index + 1])
+    found = times[index] + share * (times[index + 1] - times[index])
+    kept = [found[0]]
+    for time in found[1:]:
+        if time - kept[-1] >= apart:
+            kept.append(time)
+    return np.array(kept)

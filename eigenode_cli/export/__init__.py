@@ -1,0 +1,1 @@
+"""The learned vector field for use elsewhere: as a file of torch, ONNX, C, or as an FMU."""
