@@ -6,17 +6,17 @@ import pytest
 
 import eigenode_cli as en
 
-SHORT = ("trainer.steps=12", "trainer.record_every=6", "trainer.figures=false", "engine=torch")
+SHORT = ("trainer.steps=4", "trainer.record_every=2", "system.points=21", "trainer.figures=false", "engine=torch")
 KINDS = {
-    "oscillator": ("system=oscillator", "system.horizon=3", "grads=sol+frq"),
+    "oscillator": ("system=oscillator", "system.horizon=2", "grads=sol+frq"),
     "scaled": (
-        *("system=oscillator", "system.horizon=3", "system.initial_known=[s]", "network.linear=modes"),
+        *("system=oscillator", "system.horizon=2", "system.initial_known=[s]", "network.linear=modes"),
         *("network.input_scaling=max_abs", "network.output_scaling=max_abs", "network.hidden=[9,5]"),
         *("network.activation=softplus", "network.output_gain=0.1"),
     ),
     "polynomial": (
         *("system=vdp", "network=polynomial", "network.structure=full", "network.linear=fitted"),
-        *("system.observed=[nu,nu_dot]", "system.horizon=3", "network.spread=0.01"),
+        *("system.observed=[nu,nu_dot]", "system.horizon=2", "network.spread=0.01", "grads=sol"),
     ),
 }
 

@@ -37,11 +37,12 @@ class Library:
     def call(self, function: str, x: Floats, u: Floats, columns: int) -> Floats:
         """Numbers `(N, columns)` that a function gives at each of the states."""
         called = getattr(self.loaded, f"{self.name}_{function}")
-        called.argtypes, called.restype = [NUMBERS, NUMBERS, NUMBERS], None
-        found = np.full((len(x), columns), np.nan)
-        for here, inputs, row in zip(x, u, found, strict=True):
-            called(here, inputs, row)
-        return found
+        called.argtypes, called.restype = [ctypes.c_void_p] * 3, None
+        arrays = [np.ascontiguousarray(x), np.ascontiguousarray(u), np.full((len(x), columns), np.nan)]
+        places = [(array.ctypes.data, array.strides[0]) for array in arrays]
+        for i in range(len(x)):
+            called(*[start + i * size for start, size in places])
+        return arrays[2]
 
     def simulate(self, x: Floats, u: Floats, h: float, steps: int) -> int:
         called = getattr(self.loaded, f"{self.name}_simulate")

@@ -66,7 +66,7 @@ def test_it_writes_into_the_folder_of_the_run(
     status, out, err = inside(tmp_path, "export", str(one_run.folder), "--to", to)
     path = one_run.folder / "export" / f"oscillator.{ending}"
     assert (status, err) == (0, "")
-    assert out == f"oscillator after 12 steps, 2 states, 0 inputs: {said}\n{path}\n"
+    assert out == f"oscillator after 4 steps, 2 states, 0 inputs: {said}\n{path}\n"
     first = path.read_bytes()
     path.write_text("of another program")
     assert inside(tmp_path, "export", str(one_run.folder), "--to", to)[0] == 0
@@ -131,7 +131,7 @@ def test_float32_and_a_step(one_run: en.RecordedRun, tmp_path: Path) -> None:
             ],
         ),
         (("--to", "c", "--output", "."), ["--output .: is a folder; name a file in it"]),
-        (("--to", "c", "--step", "7"), [": no checkpoint of step 7; there are 0, 12"]),
+        (("--to", "c", "--step", "7"), [": no checkpoint of step 7; there are 0, 4"]),
         (("--to", "c", "--step", "last"), ["argument --step: invalid int value: 'last'"]),
     ],
 )
@@ -194,7 +194,7 @@ def test_weights_that_are_not_finite_are_refused(one_run: en.RecordedRun, tmp_pa
     (folder / "checkpoints").mkdir(parents=True)
     for name in ("run.json", "data.csv"):
         (folder / name).write_bytes((one_run.folder / name).read_bytes())
-    checkpoint = "checkpoints/step-000012.safetensors"
+    checkpoint = "checkpoints/step-000004.safetensors"
     tensors = load_file(one_run.folder / checkpoint)
     tensors["layers.0.bias"][0] = torch.nan
     save_file(tensors, folder / checkpoint)
