@@ -15,8 +15,8 @@ DELIMITERS = {"tab": "\t", ";": ";", "|": "|", ",": ",", "space": " "}
 COMMENTS = ("#", "%", "//", "!")
 """Signs that begin a line of comment."""
 UNIT = re.compile(r"[\[(]?[a-zA-Zµμ°%Ω²³/*^0-9·\s_.-]{0,12}[\])]?")
-MOST = 0.8
-"""Share of a column's cells, or of the lines, that has to fit for a pattern to be one."""
+MOST = 0.5
+"""A column has numbers if more than this share of its cells are: what is not then is a fault, not a text."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def _is_numeric(cells: Sequence[str], decimal: str) -> bool:
     """Whether a column has numbers or dates in most of its cells."""
     filled = [cell for cell in cells if not is_hole(cell)]
     fitting = sum(is_number(cell, decimal) or is_date(cell) for cell in filled)
-    return bool(filled) and fitting >= MOST * len(filled)
+    return bool(filled) and fitting > MOST * len(filled)
 
 
 def _check_decimal(found: _Found, form: Format, file: str) -> None:

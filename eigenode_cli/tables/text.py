@@ -89,7 +89,7 @@ def _opening(path: Path) -> tuple[str, str, list[str]]:
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return head.decode("utf-16", errors="ignore"), "utf-16", [*notes, "UTF-16"]
     zeros = head.count(b"\0")
-    if zeros > len(head) // 20 or sum(byte < 9 for byte in head[:4096]) - head[:4096].count(b"\0") > 16:
+    if zeros > max(16, len(head) // 20) or sum(byte < 9 for byte in head[:4096]) - head[:4096].count(b"\0") > 16:
         raise UserError(f"{path.name}: is no text; save the table as CSV")
     notes += ["NUL bytes left out"] if zeros else []
     if head.startswith(b"\xef\xbb\xbf"):
@@ -218,7 +218,6 @@ class _Reader:
                 keep_default_na=False,
                 skipinitialspace=True,
                 dtype=np.float64,
-                float_precision="round_trip",
                 quoting=3,
             )
         except (ValueError, OverflowError):
