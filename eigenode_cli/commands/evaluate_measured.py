@@ -53,7 +53,9 @@ def _show_modes(folder: Path) -> None:
         print("no oscillating pair at the equilibrium" if len(table) else "no equilibrium was found")
         return
     rows = []
-    for values in upper.sort_values(by="frequency")[["frequency", "damping_ratio", "target_re", "target_im"]].to_numpy():
+    for values in upper.sort_values(by="frequency")[
+        ["frequency", "damping_ratio", "target_re", "target_im"]
+    ].to_numpy():
         hertz, ratio, real, imaginary = values.tolist()
         modulus = float(np.hypot(real, imaginary))
         stated = (imaginary / (2.0 * np.pi), -real / modulus) if np.isfinite(modulus) else (np.nan, np.nan)

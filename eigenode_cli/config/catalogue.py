@@ -8,7 +8,7 @@ from typing import get_type_hints
 from eigenode_cli.config.check import examine
 from eigenode_cli.config.composer import Composer
 from eigenode_cli.config.plugins import CUSTOM, GROUPS
-from eigenode_cli.config.schema import TrainConfig
+from eigenode_cli.config.schema import SystemConfig, TrainConfig
 from eigenode_cli.errors import UserError, unknown
 from eigenode_cli.runs.paths import CONFIG_DIR
 from eigenode_cli.terms import TERMS
@@ -16,6 +16,14 @@ from eigenode_cli.terms import TERMS
 COMPANIONS = {
     "optimizer=lm": ("error.sol=mse", "error.frq=mse", "error.dmp=mse", "error.osc=mse"),
     "target=stated": ("target.frequency=[1.0]", "target.damping=[0.1]"),
+    "system=table": (
+        "system.folder=shipped",
+        "system.file=lynx_hare.csv",
+        "system.time=Year",
+        "system.states=[Lynx,Hare]",
+        "network.structure=full",
+        "grads=sol",
+    ),
     "system=custom": (
         "system.target=eigenode_cli.systems:VanDerPol",
         "system.mu=1.0",
@@ -36,8 +44,14 @@ COMPANIONS = {
 def groups(composer: Composer) -> dict[str, str]:
     """Every group that `list` knows, with one line."""
     hints = get_type_hints(TrainConfig)
+    hints["system"] = SystemConfig  # or a table
     lines = {group: _first_line(hints[group]) for group in hints if group in composer.groups and group != "protocol"}
-    return {**lines, "protocol": "A full set of training choices.", "terms": "The losses that `grads` joins by +."}
+    return {
+        **lines,
+        "measured": "A measured record with all its settings.",
+        "protocol": "A full set of training choices.",
+        "terms": "The losses that `grads` joins by +.",
+    }
 
 
 def choices(composer: Composer, group: str) -> dict[str, str]:
@@ -112,6 +126,9 @@ def shipped_files() -> set[str]:
 
 def _combinations(composer: Composer) -> Iterator[tuple[str, ...]]:
     for group in composer.groups:
+        if group == "measured":  # files of the user's
+            yield ("measured=lynx_hare",)
+            continue
         for name in composer.choices(group):
             choice = f"{group}={name}"
             if name != CUSTOM or choice in COMPANIONS:
@@ -119,4 +136,4 @@ def _combinations(composer: Composer) -> Iterator[tuple[str, ...]]:
     for protocol in composer.choices("protocol"):
         for system in composer.choices("system"):
             if system != CUSTOM:
-                yield (f"protocol={protocol}", f"system={system}")
+                yield (f"protocol={protocol}", f"system={system}", *COMPANIONS.get(f"system={system}", ()))

@@ -32,7 +32,7 @@ from eigenode_cli.config.plugins import forced
 from eigenode_cli.config.schema import SCHEMAS
 from eigenode_cli.config.structure import Composed, structured
 from eigenode_cli.errors import UserError
-from eigenode_cli.runs.paths import CONFIG_DIR
+from eigenode_cli.runs.paths import CONFIG_DIR, EXPERIMENT_DIR
 
 VERSION_BASE = "1.3"
 OURS = {
@@ -46,6 +46,8 @@ OURS = {
     "hydra.sweep.subdir": "auto",
 }
 """Settings of Hydra that `train.yaml` makes."""
+EXPERIMENTS = "experiments"
+"""Provider of the shipped experiments, whose folder `measured` is a group of configs."""
 COMMAND_LINE = "command-line"
 """Provider of the configs in `--config-dir`."""
 DIFFERENCES = ("protocol_system", "protocol_network", "protocol_combine", "protocol_optimizer")
@@ -101,6 +103,7 @@ class Composer:
         version.setbase(VERSION_BASE)
         setup_globals()
         search_path = create_config_search_path(str(CONFIG_DIR))
+        search_path.prepend(EXPERIMENTS, f"file://{EXPERIMENT_DIR}", SearchPathQuery(provider="schema", path=None))
         if config_dir is not None:
             folder = Path(config_dir).resolve()
             if not folder.is_dir():

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from eigenode_cli.config.table_schema import TableConfig
 from eigenode_cli.errors import UserError, nearest
+from eigenode_cli.runs.paths import EXPERIMENT_DIR
 
 if TYPE_CHECKING:
     from eigenode_cli.data.measured import Measured, Roles
     from eigenode_cli.tables import Format
 
+SHIPPED = "shipped"
+"""Folder of the shipped records."""
 PATTERN = "*?["
 """Signs that make a file's name a pattern."""
 
@@ -23,15 +26,15 @@ def files_of(config: TableConfig) -> list[Path]:
         UserError: there is none, or a pattern matches none.
     """
     names = [config.file] if isinstance(config.file, str) else list(config.file)
-    return _expanded("system.file", names)
+    return _expanded("system.file", names, config.folder)
 
 
-def _expanded(option: str, names: list[Any]) -> list[Path]:
+def _expanded(option: str, names: list[Any], folder: str | None) -> list[Path]:
     found: list[Path] = []
-    for name in map(str, names):
+    for own in map(str, names):
+        name = str(_inside(folder) / own)
         pattern = bool(set(PATTERN) & set(name)) and not Path(name).exists()
-        folder, last = Path(name).parent, Path(name).name
-        matches = sorted(folder.glob(last)) if pattern else [Path(name)]
+        matches = sorted(Path(name).parent.glob(Path(name).name)) if pattern else [Path(name)]
         if not matches:
             raise UserError(f"{option}={name}: no file matches")
         found += [match.resolve() for match in matches]
@@ -44,6 +47,13 @@ def _expanded(option: str, names: list[Any]) -> list[Path]:
             hint = f", did you mean {path.with_name(near).name}?" if near else ""
             raise UserError(f"{option}={path.name}: no such file in {path.parent}{hint}")
     return found
+
+
+def _inside(folder: str | None) -> Path:
+    """Return the folder of the files; `shipped:` stands for that of the shipped records."""
+    if folder == SHIPPED:
+        return EXPERIMENT_DIR / "measured"
+    return Path(folder or ".")
 
 
 def roles_of(config: TableConfig) -> "Roles":
@@ -79,7 +89,7 @@ def measured_of(config: TableConfig) -> "Measured":
     from eigenode_cli.tables import Format  # noqa: PLC0415  # pandas
 
     files = files_of(config)
-    tests = _expanded("system.test_files", list(config.test_files)) if config.test_files else []
+    tests = _expanded("system.test_files", list(config.test_files), config.folder) if config.test_files else []
     header = None if config.header is None else str(config.header)
     form = Format(config.delimiter, config.decimal, header, config.variable)
     stamps = tuple((str(path), path.stat().st_mtime_ns) for path in (*files, *tests))

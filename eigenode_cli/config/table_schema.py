@@ -23,6 +23,8 @@ class TableConfig:
     name: str = MISSING
     file: Any = MISSING
     """A file (CSV, TSV, blanks, Parquet, MAT), a list of files, or a pattern such as run*.csv: one trajectory each."""
+    folder: str | None = MISSING
+    """Folder that the files lie in; null for the current one."""
     time: Any = MISSING
     """Column of the times; null where there is none, then `rate` is needed."""
     time_unit: str | None = option(choices=TIME_UNITS)

@@ -25,10 +25,13 @@ WORDS = {
     dict: "a mapping",
 }
 
+MEASURED = "measured"
+"""Folder of the settings of measured records, which `eigenode train measured=NAME` takes."""
+
 
 def names(folder: Path = EXPERIMENT_DIR) -> dict[str, Path]:
     """File of every experiment by its name, in alphabetical order of the paths."""
-    return {path.stem: path for path in sorted(folder.rglob("*.yaml"))}
+    return {path.stem: path for path in sorted(folder.rglob("*.yaml")) if path.parent.name != MEASURED}
 
 
 def load(name: str, folder: Path = EXPERIMENT_DIR) -> Experiment:
