@@ -110,6 +110,18 @@ def _evaluate(args: argparse.Namespace) -> int:
     return evaluate(args)
 
 
+def _data_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", help="a table, or a pattern such as 'run*.csv'")
+    parser.add_argument("words", metavar="KEY=VALUE", nargs="*", help="for example time=t 'positions=[x]' offset=free")
+    parser.add_argument("--output", metavar="FILE", help="picture, by default the name of the table with .png")
+
+
+def _data(args: argparse.Namespace) -> int:
+    from eigenode_cli.commands.data import show_data  # noqa: PLC0415
+
+    return show_data(args)
+
+
 def _export_arguments(parser: argparse.ArgumentParser) -> None:
     _run_argument(parser)
     parser.add_argument("--to", metavar="FORMAT", help="onnx, torch, c or fmu")
@@ -165,6 +177,7 @@ COMMANDS: tuple[Command, ...] = (
     Command("reproduce", "the paper: its runs, figures and claims, checked", _reproduce_arguments, _reproduce),
     Command("evaluate", "a trained model from another initial state or horizon", _evaluate_arguments, _evaluate),
     Command("export", "the learned vector field as ONNX, torch, C or an FMU", _export_arguments, _export),
+    Command("data", "what would be read from a table, with a picture and suggested targets", _data_arguments, _data),
     Command("resume", "go on with a run where it stopped, or further", _resume_arguments, _resume),
     Command("plot", "draw a run's figures again, from its files", _run_argument, _plot),
     Command("report", "write a run's page again, from its files", _run_argument, _report),

@@ -47,8 +47,8 @@ def _show_modes(folder: Path) -> None:
     path = folder / "equilibrium.csv"
     if not path.is_file():
         raise UserError(f"{path}: is missing; the run was made by an earlier version, or did not finish")
-    table = pd.read_csv(path)
-    upper = table[table["im"] > 0.0]
+    table: pd.DataFrame = pd.read_csv(path).sort_values(by="frequency")
+    upper = table.loc[table["im"] > 0.0]
     if upper.empty:
         print("no oscillating pair at the equilibrium" if len(table) else "no equilibrium was found")
         return

@@ -80,20 +80,24 @@ def roles_of(config: TableConfig) -> "Roles":
     )
 
 
+def format_of(config: TableConfig) -> "Format":
+    """Return what settles a doubt about the format."""
+    from eigenode_cli.tables import Format  # noqa: PLC0415  # as above
+
+    header = None if config.header is None else str(config.header)
+    return Format(config.delimiter, config.decimal, header, config.variable)
+
+
 def measured_of(config: TableConfig) -> "Measured":
     """Read what a configuration describes; one process reads the same files once.
 
     Raises:
         UserError: with a line for every fault.
     """
-    from eigenode_cli.tables import Format  # noqa: PLC0415  # pandas
-
     files = files_of(config)
     tests = _expanded("system.test_files", list(config.test_files), config.folder) if config.test_files else []
-    header = None if config.header is None else str(config.header)
-    form = Format(config.delimiter, config.decimal, header, config.variable)
     stamps = tuple((str(path), path.stat().st_mtime_ns) for path in (*files, *tests))
-    return _read(tuple(files), tuple(tests), stamps, roles_of(config), form, config.test)
+    return _read(tuple(files), tuple(tests), stamps, roles_of(config), format_of(config), config.test)
 
 
 @lru_cache(maxsize=4)

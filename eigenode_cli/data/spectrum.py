@@ -1,15 +1,19 @@
 """Frequencies in a measured signal: a periodogram of unequal times, its peaks, and the damping by decay."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.signal import find_peaks, lombscargle
 
 from eigenode_cli.arrays import Floats
 
 OVERSAMPLING = 8
 """Frequencies of the grid for each that the length of the record tells apart."""
+LOWEST, HIGHEST = 0.7, 0.95
+"""Ends of the grid: lowest frequency in periods a record, highest one as a share of half the rate of the samples."""
 MOST = 20_000
 """Largest number of frequencies of the grid."""
 PROMINENT = 0.02
@@ -31,21 +35,24 @@ class Periodogram:
 
 
 def periodogram(times: Floats, signal: Floats) -> Periodogram:
-    """Return the Lomb-Scargle periodogram of samples `(N,)` at `times (N,)` in s, mean and trend removed.
+    """Return the Lomb-Scargle periodogram of samples `(N,)` at `times (N,)` in s, trend removed, under Hann's window.
 
     J. D. Scargle, Studies in astronomical time series analysis II, Astrophys. J. 263 (1982) 835-853, in
-    `scipy.signal.lombscargle` with a floating mean.
+    `scipy.signal.lombscargle`.
     """
     span = float(times[-1] - times[0])
     spacing = float(np.median(np.diff(times)[np.diff(times) > 0.0]))
     highest = 0.5 / spacing
     count = int(min(MOST, max(16, OVERSAMPLING * highest * span)))
-    frequency = np.linspace(highest / count, highest, count)
+    lowest = min(LOWEST / span, 0.5 * highest)
+    frequency = np.linspace(lowest, HIGHEST * highest, count)
     level = signal - np.polynomial.Polynomial.fit(times, signal, 1)(times)
+    level *= 0.5 - 0.5 * np.cos(2.0 * np.pi * (times - times[0]) / span)  # Hann's window: no side lobes
+    level -= level.mean()
     if not np.ptp(level) > 0.0:
         return Periodogram(frequency, np.zeros(count))
-    found = lombscargle(times - times[0], level, 2.0 * np.pi * frequency, normalize="amplitude", floating_mean=True)
-    return Periodogram(frequency, np.abs(found))
+    found = lombscargle(times - times[0], level, 2.0 * np.pi * frequency, normalize="amplitude")
+    return Periodogram(frequency, 2.0 * np.abs(found))
 
 
 def peaks(found: Periodogram, most: int = 4) -> Floats:
@@ -73,8 +80,9 @@ class Decay:
     """Oscillation of a free decay.
 
     Attributes:
-        frequency: from zero crossings in Hz, and its lowest and highest value over the record.
-        damping: ratio by the logarithmic decrement of successive extremes, and its lowest and highest value.
+        frequency: from zero crossings in Hz at the end of the record, where the amplitude is smallest, and its lowest
+            and highest value over the record.
+        damping: ratio by the logarithmic decrement of successive extremes, its median, lowest and highest value.
     """
 
     frequency: float
@@ -111,7 +119,7 @@ def decay(times: Floats, signal: Floats, frequency: float) -> Decay | None:
     angular = 2.0 * np.pi * float(np.median(own))
     ratios = np.array([rate / np.hypot(rate, angular) for rate in rates])
     return Decay(
-        float(np.median(own)),
+        float(own[-1]),
         (float(own.min()), float(own.max())),
         float(np.median(ratios)),
         (float(ratios.min()), float(ratios.max())),
@@ -130,3 +138,50 @@ def _crossings(times: Floats, level: Floats, apart: float) -> Floats:
         if time - kept[-1] >= apart:
             kept.append(time)
     return np.array(kept)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Damped cosines fitted to signals: frequency in Hz and damping ratio of each, lowest first, and what is left."""
+
+    pairs: tuple[tuple[float, float], ...]
+    left: list[Floats]
+
+
+def damped_modes(times: Floats, signals: Sequence[Floats], frequencies: Sequence[float]) -> Modes:
+    """Fit damped cosines to signals.
+
+    Amplitudes and phases are linear, so that only frequencies and rates are looked for (variable projection: G. Golub,
+    V. Pereyra, SIAM J. Numer. Anal. 10, 1973, 413-432).
+
+    Args:
+        times: of the samples in s `(N,)`.
+        signals: one or several `(N,)`, NaN where there is no sample.
+        frequencies: about which they lie, in Hz.
+    """
+    start, span = np.asarray(frequencies, dtype=np.float64), float(times[-1] - times[0])
+    since = times - times[0]
+    levels = [signal / max(1e-300, float(np.nanmax(np.abs(signal - np.nanmean(signal))))) for signal in signals]
+
+    def residuals(parameters: Floats) -> list[Floats]:
+        hertz, rates = np.split(parameters, 2)
+        envelope = np.exp(-np.clip(rates / span * since[:, None], -50.0, 50.0))
+        phase = 2.0 * np.pi * (hertz * start) * since[:, None]
+        basis = np.hstack([envelope * np.cos(phase), envelope * np.sin(phase), np.ones((times.size, 1))])
+        left = []
+        for level in levels:
+            known = np.isfinite(level)
+            amplitudes = np.linalg.lstsq(basis[known], level[known], rcond=None)[0]
+            left.append(level - basis @ amplitudes)
+        return left
+
+    def together(parameters: Floats) -> Floats:
+        every = np.concatenate(residuals(parameters))
+        return every[np.isfinite(every)]
+
+    found = least_squares(together, np.concatenate([np.ones(start.size), np.full(start.size, 0.5)]), x_scale=0.01)
+    hertz, rates = np.split(found.x, 2)
+    angular = 2.0 * np.pi * np.abs(hertz) * start
+    ratios = rates / span / np.hypot(rates / span, angular)
+    pairs = sorted(zip((np.abs(hertz) * start).tolist(), ratios.tolist(), strict=True))
+    return Modes(tuple(pairs), residuals(found.x))
