@@ -263,8 +263,8 @@ def test_plot_and_report_print_what_they_wrote(
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("eigenode tr", "train reproduce evaluate export resume plot report bench list validate"),
-        ("eigenode train system=", "system=custom system=oscillator system=sparse_oscillator system=vdp"),
+        ("eigenode tr", "train reproduce evaluate export data resume plot report bench list validate"),
+        ("eigenode train system=", "system=custom system=oscillator system=sparse_oscillator system=table system=vdp"),
         ("eigenode train scale.s", "scale.sol= scale.stb= scale.stf="),
         ("eigenode plot ", ""),
     ],

@@ -14,6 +14,7 @@ ORDER = (
     ("solve",),
     ("spectra",),
     ("systems",),
+    ("tables",),
     ("data",),
     ("model",),
     ("terms",),

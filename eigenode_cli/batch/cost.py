@@ -21,6 +21,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.batch import run
 from eigenode_cli.batch.launch import launcher_of
+from eigenode_cli.batch.outcome import dense_grid
 from eigenode_cli.batch.plan import quoted
 from eigenode_cli.batch.state import recorded
 from eigenode_cli.config.compose import finalise, typed
@@ -158,7 +159,7 @@ def _try(config: TrainConfig, steps: int, folder: Path) -> tuple[float, float]:
 def _record_seconds(config: TrainConfig) -> float:
     """Time of a record, the median of a few."""
     setup = run.build(config, lambda _: None)
-    theta, times = flat_parameters(setup.field), np.linspace(0.0, setup.source.horizon, run.DENSE)
+    theta, times = flat_parameters(setup.field), dense_grid(setup)
     seconds = []
     for _ in range(RECORDS):
         clock = perf_counter()

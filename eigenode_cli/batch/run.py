@@ -18,10 +18,8 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from eigenode_cli import __version__
-from eigenode_cli.arrays import Floats
-from eigenode_cli.batch.baselines import baselines
-from eigenode_cli.batch.baselines import summary as baseline_errors
-from eigenode_cli.batch.measured import measured_description, recorded_units
+from eigenode_cli.batch.measured import measured_description
+from eigenode_cli.batch.outcome import build_recorder, dense_grid, write_outcome
 from eigenode_cli.batch.resumption import check_saved
 from eigenode_cli.batch.stability import not_stable, stability
 from eigenode_cli.config.build import build_method, build_options, build_schedule, combination
@@ -30,14 +28,12 @@ from eigenode_cli.config.schema import SCHEMAS, TrainConfig
 from eigenode_cli.config.setup import Setup, build
 from eigenode_cli.console import Display, QuietDisplay, display
 from eigenode_cli.engines.base import unheard
-from eigenode_cli.engines.holdout import Holdout
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.interruption import check
 from eigenode_cli.model import load_flat
 from eigenode_cli.runs.atomic import Reserve, WriteError, write_text
-from eigenode_cli.runs.final_outputs import write_eigenvalues, write_equilibrium, write_measured, write_solution
 from eigenode_cli.runs.lock import locked
-from eigenode_cli.runs.recorder import Recorder, load_last, write_data, write_json
+from eigenode_cli.runs.recorder import load_last, write_json
 from eigenode_cli.runs.runfile import VERSION, resume_command
 from eigenode_cli.terms import canonical, split_grads
 from eigenode_cli.terms.errors import error_value
@@ -46,9 +42,6 @@ from eigenode_cli.training.ending import DIVERGED, FAILED, FINISHED, INTERRUPTED
 from eigenode_cli.training.optimizers import build_optimizer
 from eigenode_cli.training.progress import Progress
 from eigenode_cli.training.trainer import Trainer, Unsolvable, summary
-
-DENSE = 1000
-"""Number of equidistant times of the horizon at which dense_error compares."""
 
 EXIT = {FINISHED: 0, FAILED: 1, STALLED: 1, DIVERGED: 1, INTERRUPTED: 130}
 """Exit status by the status of the run."""
@@ -147,20 +140,14 @@ def _train(
     Returns:
         How it ended.
     """
-    config, source = setup.config, setup.source
+    config = setup.config
     saved = load_last(folder) if resumed else None
     if saved is not None:  # a kill leaves run.json alone
         record["wall_seconds"] = max(record["wall_seconds"], saved.progress.wall_seconds)
     theta = setup.theta.copy()
     optimizer = build_optimizer(build_method(config), theta.size, setup.blocks["network"].stop, build_schedule(config))
-    dense_times = source.dataset.series[0].times[0] + np.linspace(0.0, source.horizon, DENSE)
-    truth = None if source.truth is None else source.truth.states(dense_times)[:, 0]
-    recorder = Recorder(folder, setup.names, truth, tuple(optimizer.records), recorded_units(setup))
-    holdout = holdout_of(setup)
-    if holdout is None:
-        write_data(folder, setup.dataset)
-    else:
-        write_measured(folder, source)
+    dense_times, holdout = dense_grid(setup), holdout_of(setup)
+    recorder = build_recorder(setup, folder, dense_times, tuple(optimizer.records))
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
     done = 0 if saved is None else saved.progress.step
     shown = shown or display(label, done, config.trainer.steps)
@@ -192,24 +179,11 @@ def _train(
         recorder.close()
         record |= _account(trainer, setup)
     load_flat(setup.field, theta)
-    write_solution(folder, source, setup.engine, theta)
-    write_eigenvalues(folder, source, setup.field, setup.engine, theta, setup.problem, setup.target)
-    along = setup.engine.evaluate(theta, setup.problem.data.times).dense
-    write_equilibrium(folder, source, setup.field, along, setup.target)
-    if holdout is not None:
-        record |= _measured_outcome(setup, folder, holdout, theta)
+    record |= write_outcome(setup, folder, holdout, theta)
     record |= {"final": last, "summary": summary(last, trainer.progress), "stability": stability(setup, theta)}
     if (said := not_stable(setup, record["stability"])) is not None:
         shown.say(said)
     return trainer.ending
-
-
-def _measured_outcome(setup: Setup, folder: Path, holdout: Holdout, theta: Floats) -> dict[str, Any]:
-    """Write the model beside the measurements, and return what run.json says of baselines."""
-    found = baselines(setup, holdout)
-    shown = {"model": holdout.predictions(theta)} | {name: one.predictions for name, one in found.items()}
-    write_measured(folder, setup.source, shown)
-    return {"baselines": baseline_errors(found)}
 
 
 def _elapsed(offset: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from torch import Tensor
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.batch.run import DENSE
+from eigenode_cli.batch.outcome import DENSE
 from eigenode_cli.bench.case import Case, recipe_config, torch_field
 from eigenode_cli.bench.contestants import BareSolve
 from eigenode_cli.bench.measure import Ratio, compare, ratio_of

@@ -352,7 +352,6 @@ def _name(column: Column | None, otherwise: str) -> str:
 
 
 def _symbol(name: str) -> str:
-    """Return the name as it stands in figures; an underscore would be a subscript there."""
-    base, _, dot = name.partition("_dot")
-    text = base.replace("_", r"\_")
-    return rf"$\dot{{\mathrm{{{text}}}}}$" if name.endswith("_dot") and not dot else rf"$\mathrm{{{text}}}$"
+    """Return the name as it stands in figures, in math text; an underscore would be a subscript there."""
+    text = r"\mathrm{" + name.removesuffix("_dot").replace("_", r"\_") + "}"
+    return rf"\dot{{{text}}}" if name.endswith("_dot") else text

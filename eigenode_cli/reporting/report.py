@@ -79,10 +79,15 @@ def headline(run: Run) -> list[dict[str, str]]:
     metrics, unit = run.metrics, run.states[0].unit
     real, error = float(metrics.max_real[-1]), float(metrics.dense_error[-1])
     side = "" if not np.isfinite(real) else "1/s, stable" if real < 0.0 else "1/s, not stable"
-    failed = int(metrics.failed.sum())
+    failed, tested = int(metrics.failed.sum()), float(metrics.test_error[-1])
+    errors = {"title": "Dense error", "value": page_number(error), "remark": unit if np.isfinite(error) else ""}
+    if run.baselines or np.isfinite(tested):
+        linear = run.baselines.get("linear")
+        remark = "" if linear is None else f"linear model {page_number(linear)}"
+        errors = {"title": "Test error", "value": page_number(tested), "remark": remark}
     return [
         {"title": "SOL, last record", "value": page_number(metrics.terms["sol"][-1]), "remark": ""},
-        {"title": "Dense error", "value": page_number(error), "remark": unit if np.isfinite(error) else ""},
+        errors,
         {"title": "Largest real part", "value": page_number(real), "remark": side},
         {"title": "Failed solves", "value": str(failed), "remark": f"of {len(metrics.status)} records"},
     ]
@@ -97,7 +102,12 @@ def facts(run: Run) -> list[tuple[str, str]]:
         ("parameters", f"{run.parameters:,}"),
         ("training steps", f"{metrics.step[-1]:,.0f}"),
         ("training time", f"{metrics.train_seconds[-1]:,.1f} s"),
+        *((f"test error, {BASELINES.get(name, name)}", _error(error)) for name, error in run.baselines.items()),
     ]
+
+
+def _error(error: float | None) -> str:
+    return "says nothing" if error is None else page_number(error)
 
 
 def _of_convergence(run: Run) -> str:
@@ -108,12 +118,19 @@ def _of_convergence(run: Run) -> str:
     return "Terms over the training steps, unscaled, with their last values; zeros are not drawn." + stood
 
 
+BASELINES = {"linear": "linear model of the same order", "repetition": "last period repeated"}
+"""What baselines are called."""
+
 CAPTIONS: dict[str, Callable[[Run], str]] = {
     "convergence": _of_convergence,
     "stability": lambda _: (
         "Largest real part of any eigenvalue along the trajectory. Stable systems lie below the border."
     ),
-    "solution": lambda _: "Model and truth over twice the training horizon, with the data that SOL compares.",
+    "solution": lambda run: (
+        "Model and measurements, those of the training and those that were held out."
+        if run.baselines
+        else "Model and truth over twice the training horizon, with the data that SOL compares."
+    ),
     "eigenvalues": lambda _: "Eigenvalues along the model's trajectory, coloured by time, and their targets.",
     "phase": lambda _: "Phase portrait of the first two states.",
 }

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.batch.run import DENSE
+from eigenode_cli.batch.outcome import DENSE
 from eigenode_cli.config.build import build_target
 from eigenode_cli.config.setup import Setup, build, engine_of
 from eigenode_cli.data.simulate import Truth, simulate

@@ -116,6 +116,7 @@ class Run:
         parameters: number of learned parameters.
         command: what was typed to start it.
         versions: of Python and the packages; `commit` is that of git, None outside a checkout.
+        baselines: test errors of simple models of measured data, by name; None where one says nothing.
     """
 
     folder: Path
@@ -134,6 +135,7 @@ class Run:
     command: str
     versions: dict[str, str]
     commit: str | None
+    baselines: dict[str, float | None]
 
     @cached_property
     def metrics(self) -> Metrics:
@@ -206,6 +208,7 @@ def open_run(folder: Path) -> Run:
         command=record.text("command"),
         versions={name: str(version) for name, version in record.mapping("versions").items()},
         commit=record.optional_text("git_commit"),
+        baselines=record.mapping("baselines") if "baselines" in content else {},
     )
 
 

@@ -388,11 +388,8 @@ class Trainer:
 
 def summary(row: dict[str, Any], progress: Progress) -> str:
     """Return the result of a run in one line."""
-    errors = [
-        f"{name.replace('_', ' ')} {row[name]:.4g}"
-        for name in ("dense_error", "test_error")
-        if not math.isnan(row.get(name, math.nan))
-    ]
+    known = [name for name in ("dense_error", "test_error") if not math.isnan(row.get(name, math.nan))]
+    errors = [f"{name.replace('_', ' ')} {row[name]:.4g}" for name in known]
     parts = [f"sol {row['sol']:.4g}", *errors, f"max real {row['max_real']:.3g} 1/s"]
     if progress.unsolvable_steps:
         parts.append(f"{progress.unsolvable_steps} unsolvable steps")

@@ -24,7 +24,7 @@ def test_every_shipped_file_is_composed() -> None:
     result = validate(Composer())
     assert result.faults == []
     assert result.files == shipped_files()
-    assert len(result.files) == 51
+    assert len(result.files) == 52
     choices = sum(len(Composer().choices(group)) for group in SCHEMAS)
     protocols_and_systems = 4 + 4 * 3
     own_classes = 2  # solver=custom and optimizer=custom have no class yet

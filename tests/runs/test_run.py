@@ -19,9 +19,7 @@ from eigenode_cli.model.init import INITS
 from eigenode_cli.terms import NAMES
 from tests.batch.helpers import eigenode, start
 
-COLUMNS = (
-    "step,train_seconds,lr,sol,frq,dmp,stb,osc,stf,max_real,n_accepted,n_rejected,status,dense_error"  # the contract
-)
+COLUMNS = "step,train_seconds,lr,sol,frq,dmp,stb,osc,stf,max_real,n_accepted,n_rejected,status,dense_error,test_error"
 SYSTEMS = ("oscillator", "sparse_oscillator", "vdp")
 
 

@@ -152,16 +152,8 @@ def build_core(
         slopes=np.zeros(max(terms, len(NAMES)) * 2 * count * n, dtype=np.complex128),
         user_slopes=np.zeros((own_terms, outputs, n)),
     )
-    memory = (shared.theta, aligned(size))
-    scales = tuple(np.array(scale, dtype=np.float64) for scale in (shape.input_scale, shape.output_scale))
-    tables = [layer_table(shape, blocks) for blocks in (False, True)]
-    for array in (*memory, *scales, *tables):
-        owner.keep(array)
     drive = build_drive(owner, problem.data, shape.inputs)
-    net, batch = (
-        build_net(shape, blocks, table, (scales[0], scales[1]), memory, drive.now)
-        for blocks, table in zip((False, True), tables, strict=True)
-    )
+    net, batch = _build_nets(owner, shape, (shared.theta, aligned(size)), drive.now)
     columns = columns or block_columns(count, batch)
     blocks = -(-count // columns)
     setup = _build_setup(owner, problem, shape.parameters)
@@ -192,6 +184,19 @@ def build_core(
     bars = _build_bars(owner, net, method, setup, terms, forward_way)
     eigen = build_eigen(owner, n, 2 * count, problem.max_condition)
     return label(Core(net, batch, drive, method, eigen, bars, setup, work)), shared
+
+
+def _build_nets(owner: Owner, shape: MlpShape, memory: tuple[Floats, Floats], drive: int) -> tuple[Net, Net]:
+    """Return the net of single states and that of blocks; `memory` is theta and its mirror."""
+    scales = tuple(np.array(scale, dtype=np.float64) for scale in (shape.input_scale, shape.output_scale))
+    tables = [layer_table(shape, blocks) for blocks in (False, True)]
+    for array in (*memory, *scales, *tables):
+        owner.keep(array)
+    net, batch = (
+        build_net(shape, blocks, table, (scales[0], scales[1]), memory, drive)
+        for blocks, table in zip((False, True), tables, strict=True)
+    )
+    return net, batch
 
 
 def build_drive(owner: Owner, data: Series, inputs: int) -> Pieces:
