@@ -99,7 +99,7 @@ def build_target(config: TargetConfig, source: "Source") -> "Target":
 
     corridor = None if config.stiffness is None else (config.stiffness[0], config.stiffness[1])
     if isinstance(config, StatedTargetConfig):
-        return StatedTarget([hertz * source.scaling.time for hertz in config.frequency], config.damping, corridor)
+        return StatedTarget([source.scaling.frequency(hertz) for hertz in config.frequency], config.damping, corridor)
     if isinstance(config, TruthTargetConfig) and source.truth is not None:
         return TruthTarget(source.truth, config.frequency_factor, corridor)
     raise TypeError(f"no targets come from a {type(config).__name__}")

@@ -14,6 +14,11 @@ from eigenode_cli.data.dataset import Series
 from eigenode_cli.data.reconstruct import reconstruct
 from eigenode_cli.solve.drive import Drive
 
+DECIMALS = 10
+"""Of scaled values, which are of order one."""
+DIGITS = 9
+"""Of times relative to the length of the record: a clock that counts from far away has no more."""
+
 
 @dataclass(frozen=True)
 class Scaling:
@@ -40,23 +45,39 @@ class Scaling:
         return self.states / self.time
 
     def scaled(self, series: Series) -> Series:
-        """Return a trajectory in internal units, its first time at zero."""
-        start = series.times[0]
-        drive = series.drive
+        """Return a trajectory in internal units, its first time at zero.
+
+        Numbers are rounded far below what any clock or sensor tells, so that the same record in other units, or with
+        its clock shifted, gives the same bits: least squares would carry a difference of rounding on for long.
+        """
+        start, span, drive = series.times[0], float(series.times[-1] - series.times[0]), series.drive
+
+        def since(times: Floats) -> Floats:
+            return np.round(_significant(times - start, span) / self.time, DECIMALS)
+
         if drive is not None:
-            drive = Drive((drive.times - start) / self.time, drive.values / self.inputs, drive.hold)
+            drive = Drive(since(drive.times), np.round(drive.values / self.inputs, DECIMALS), drive.hold)
         return replace(
             series,
-            times=(series.times - start) / self.time,
-            values=series.values / self.states,
+            times=since(series.times),
+            values=np.round(series.values / self.states, DECIMALS),
             initial_state=series.initial_state / self.states,
-            rates=None if series.rates is None else series.rates / self.rates,
+            rates=None if series.rates is None else np.round(series.rates / self.rates, DECIMALS),
             drive=drive,
         )
+
+    def frequency(self, hertz: float) -> float:
+        """Return a frequency in Hz in internal units."""
+        return round(hertz * self.time, DECIMALS + 2)
 
     def eigenvalues(self, scaled: Complexes) -> Complexes:
         """Return eigenvalues in 1/s."""
         return scaled / self.time
+
+
+def _significant(times: Floats, span: float) -> Floats:
+    """Return times in s with as many digits as `DIGITS` relative to the length of the record."""
+    return np.round(times, DIGITS - int(np.ceil(np.log10(span)))) if span > 0.0 else times
 
 
 def scaling_of(every: Sequence[Series], structure: str, frequency: Sequence[float] = ()) -> Scaling:
