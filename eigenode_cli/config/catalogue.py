@@ -126,8 +126,8 @@ def shipped_files() -> set[str]:
 
 def _combinations(composer: Composer) -> Iterator[tuple[str, ...]]:
     for group in composer.groups:
-        if group == "measured":  # files of the user's
-            yield ("measured=lynx_hare",)
+        if group == "measured":  # the others need files of the user's
+            yield from (("measured=lynx_hare",), ("measured=shaker",))
             continue
         for name in composer.choices(group):
             choice = f"{group}={name}"
