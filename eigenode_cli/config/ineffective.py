@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from eigenode_cli.config.names import named_terms
+from eigenode_cli.config.names import damped_frequencies, named_terms
 from eigenode_cli.config.schema import SystemConfig
 from eigenode_cli.terms import of_target, split_grads
 
@@ -51,7 +51,7 @@ def _lost_pairs(config: DictConfig) -> Iterator[str]:
     """Yield a fault for each stated pair that by the rule for all spectra is none."""
     from eigenode_cli.data.targets import StatedTarget  # noqa: PLC0415  # Numba, only once all else is right
 
-    frequency, damping = list(config.target.frequency), list(config.target.damping)
+    frequency, damping = damped_frequencies(config.target), list(config.target.damping)
     spectrum, level = StatedTarget(frequency, damping).spectrum()
     for number, (hertz, ratio) in enumerate(zip(frequency, damping, strict=True)):
         if not spectrum[number].imag > level:

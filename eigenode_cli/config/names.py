@@ -3,6 +3,7 @@
 The modules that implement them hold a registry under the same names; a test keeps the two equal.
 """
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,6 +23,12 @@ JACOBIANS = ("autodiff", "finite_difference", "symbolic")
 SPECTRA_AT = ("trajectory", "data")
 EIGENVALUE_COUNTS = ("spectrum", "times")
 SENSITIVITIES = ("auto", "forward", "adjoint")
+
+
+def damped_frequencies(target: Any) -> list[float]:
+    """Return the stated frequencies |Im|/2 pi in Hz; of an undamped one it is `f sqrt(1 - ratio^2)`."""
+    pairs = zip(target.frequency, target.damping, strict=True)
+    return [hertz * math.sqrt(1.0 - ratio**2) if target.undamped else hertz for hertz, ratio in pairs]
 
 
 def named_terms(config: Any) -> Iterator[tuple[str, str]]:

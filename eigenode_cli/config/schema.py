@@ -203,6 +203,8 @@ class StatedTargetConfig(TargetConfig):
     """Frequency |Im|/2 pi of each pair in Hz (the damped one)."""
     damping: list[float] = option(above=-1, below=1)
     """Damping ratio of each pair, in the same order."""
+    undamped: bool = MISSING
+    """Whether the frequencies are undamped ones, |lambda|/2 pi, as a modal test may state them."""
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """Make shaker.csv: a hardening mass on a shaker, its displacement with noise, drift and holes, its velocity unseen.
 
-python experiments/measured/simulate_shaker.py
+python benchmarks/simulate_shaker.py
 """
 
 from pathlib import Path
@@ -28,17 +28,17 @@ def rate(t: float, x: np.ndarray) -> list[float]:
 
 
 def main() -> None:
-    """Write the file beside this one."""
+    """Write the file."""
     rng = np.random.default_rng(7)
     times = np.arange(0.0, LENGTH, 1.0 / RATE)
     found = solve_ivp(rate, (0.0, LENGTH), [0.0, 0.0], t_eval=times, rtol=1e-9, atol=1e-9, max_step=0.02).y[0]
     shown = found + NOISE * rng.standard_normal(times.size) + DRIFT * times / LENGTH
     holes = set(rng.choice(times.size, 12, replace=False).tolist()) | set(range(210, 216))
-    rows = ["# Simulated: a hardening mass on a shaker (simulate_shaker.py)", "t [ms];x [mm];F [N]"]
+    rows = ["# Simulated: a hardening mass on a shaker (benchmarks/simulate_shaker.py)", "t [ms];x [mm];F [N]"]
     for i, t in enumerate(times):
         cell = "" if i in holes else f"{shown[i]:.4f}".replace(".", ",")
         rows.append(f"{1000 * t:.0f};{cell};{force(t):.4f}".replace(".", ","))
-    Path(__file__).with_name("shaker.csv").write_text("\n".join(rows) + "\n")
+    (Path(__file__).parents[1] / "experiments" / "measured" / "shaker.csv").write_text("\n".join(rows) + "\n")
 
 
 if __name__ == "__main__":
