@@ -12,7 +12,15 @@ from eigenode_cli.errors import UserError
 if TYPE_CHECKING:
     from eigenode_cli.recorded import RecordedRun
 
-ROLES = ("system.file", "system.test_files", "system.window", "system.stride", "system.trials", "solver")
+ROLES = (
+    "system.file",
+    "system.folder",
+    "system.test_files",
+    "system.window",
+    "system.stride",
+    "system.trials",
+    "solver",
+)
 """Settings that may change: what is looked at, not which column is what."""
 
 
@@ -21,7 +29,10 @@ def evaluate_measured(args: argparse.Namespace, run: "RecordedRun") -> int:
     from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415  # torch, once it is needed
     from eigenode_cli.config.evaluation import predictions  # noqa: PLC0415
 
-    config = restore(with_changes(run.record["config"], args.words, ROLES), run.record.get("schemas"))
+    words, files = list(args.words), ("system.file=", "system.test_files=")
+    if any(word.startswith(files) for word in words) and not any(word.startswith("system.folder=") for word in words):
+        words.append(f"system.folder='{Path.cwd()}'")
+    config = restore(with_changes(run.record["config"], words, ROLES), run.record.get("schemas"))
     table = predictions(run.folder, run.config, config)
     rows = [[str(cell) if isinstance(cell, str) else number(cell) for cell in row] for row in table.to_numpy().tolist()]
     header = [str(name) for name in table.columns]

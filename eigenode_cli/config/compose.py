@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf, open_dict
@@ -9,9 +10,11 @@ from omegaconf.errors import OmegaConfBaseException
 
 from eigenode_cli.config.check import Examined, examine, normalise, parse
 from eigenode_cli.config.composer import Composer, explain, hydra_values
+from eigenode_cli.config.outline import is_table
 from eigenode_cli.config.plugins import typify
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.structure import structured
+from eigenode_cli.config.table import SHIPPED
 from eigenode_cli.config.values import value_faults
 from eigenode_cli.errors import UserError, nearest
 from eigenode_cli.runs.runfile import RUN, RecordError
@@ -25,6 +28,8 @@ def finalise(config: DictConfig) -> DictConfig:
     for stage in config.stages:
         if stage.terms is not None:
             stage.terms = "+".join(canonical(split_grads(stage.terms)))
+    if is_table(config.system) and config.system.folder != SHIPPED:  # the run may be looked at from elsewhere
+        config.system.folder = str(Path(config.system.folder or ".").resolve())
     with open_dict(config.scale):
         for name in config.terms:
             config.scale.setdefault(name, 1.0)

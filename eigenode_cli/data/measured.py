@@ -230,15 +230,15 @@ def _trajectory(table: Table, roles: Roles, rows: Integers, label: str) -> Traje
         channels[:, number] = table.values[rows, table.column(column, option)]
         if not np.isfinite(channels[:, number]).any():
             raise UserError(f"{option}={column}: {label} has no number in this column")
-    rates = channels[:, n:] if any(number >= n for number in roles.channels) else None
+    derivatives = any(number >= n for number in roles.channels)
     drive = _drive(table, roles, rows, times, label)
-    times, (channels_kept, first) = _without_duplicates(times, channels, rows, table, roles)
-    del channels
+    first = _first_of_equal(times, rows, table, roles)
+    channels, times = _merged(channels, first, roles.duplicates), times[first]
     series = Series(
         times,
-        channels_kept[:, :n],
+        channels[:, :n],
         np.full(n, np.nan),
-        None if rates is None else channels_kept[:, n:],
+        channels[:, n:] if derivatives else None,
         np.array(sorted(roles.channels) if roles.offset else [], dtype=np.int64),
         drive,
     )
@@ -269,29 +269,26 @@ def _times(table: Table, roles: Roles, rows: Integers) -> tuple[Floats, Integers
     return times * factor, rows
 
 
-def _without_duplicates(
-    times: Floats, channels: Floats, rows: Integers, table: Table, roles: Roles
-) -> tuple[Floats, tuple[Floats, Integers]]:
-    """Return times that ascend strictly, the channels there, and the index of the row that each one begins at."""
+def _first_of_equal(times: Floats, rows: Integers, table: Table, roles: Roles) -> Integers:
+    """Return the index of the first row of each time; refuse several where no rule is stated for them."""
     same = np.flatnonzero(np.diff(times) == 0.0)
-    if not same.size:
-        return times, (channels, np.arange(times.size))
-    if roles.duplicates == "error":
-        at = table.rows[rows[same[0] + 1]]
+    if same.size and roles.duplicates == "error":
         raise UserError(
-            f"system.time={roles.time}: {table.path.name}, row {at}: the time is that of the row before"
-            f" ({same.size} such rows); write system.duplicates=first, last or mean"
+            f"system.time={roles.time}: {table.path.name}, row {table.rows[rows[same[0] + 1]]}: the time is that of the"
+            f" row before ({same.size} such rows); write system.duplicates=first, last or mean"
         )
-    first = np.flatnonzero(np.concatenate([[True], np.diff(times) > 0.0]))
-    last = np.concatenate([first[1:], [times.size]]) - 1
-    if roles.duplicates == "mean":
-        sums = np.add.reduceat(np.nan_to_num(channels), first, axis=0)
-        counts = np.add.reduceat(np.isfinite(channels).astype(float), first, axis=0)
-        with np.errstate(invalid="ignore"):
-            kept = np.where(counts > 0.0, sums / counts, np.nan)
-    else:
-        kept = channels[first if roles.duplicates == "first" else last]
-    return times[first], (kept, first)
+    return np.flatnonzero(np.concatenate([[True], np.diff(times) > 0.0]))
+
+
+def _merged(channels: Floats, first: Integers, rule: str) -> Floats:
+    """Return one row for each time `(N, C)`, by the stated rule; a mean is one of the samples that there are."""
+    if first.size == len(channels) or rule == "first":
+        return channels[first]
+    if rule == "last":
+        return channels[np.concatenate([first[1:], [len(channels)]]) - 1]
+    sums = np.add.reduceat(np.nan_to_num(channels), first, axis=0)
+    counts = np.add.reduceat(np.isfinite(channels).astype(np.float64), first, axis=0)
+    return np.where(counts > 0.0, sums / np.maximum(counts, 1.0), np.nan)
 
 
 def _drive(table: Table, roles: Roles, rows: Integers, times: Floats, label: str) -> Drive | None:

@@ -212,7 +212,7 @@ WRONG = [
     ("train -m grads=sol,sol+frq scale.stf=3", "scale.stf: no effect, "),
     ("train hydra.mode=MULTIRUN system=vdp,vpd", "system=vpd: unknown system 'vpd', did you mean vdp?"),
     # other commands
-    ("export", "unknown command 'export'; choose from "),
+    ("import", "unknown command 'import'; choose from "),
     ("trian", "unknown command 'trian', did you mean train? choose from train, "),
     ("system=vdp", "system=vdp: a setting without a command; write eigenode train system=vdp"),
     ("list solvers", "list solvers: unknown group 'solvers', did you mean solver? choose from solver, "),

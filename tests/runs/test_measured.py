@@ -27,6 +27,7 @@ def pendulum(times: Floats, angle: float = 1.0, torque: Any = None) -> Floats:
 
 TIMES = np.linspace(0.0, 8.0, 161)
 NOISE = 0.005 * np.random.default_rng(0).standard_normal(TIMES.size)
+X = ("system.time=t", "system.positions=[x]")
 TARGET = ("target.frequency=[1.0]", "target.damping=[0.016]")
 
 
@@ -162,7 +163,22 @@ def test_a_driven_system_predicts_another_file_and_is_exported(tmp_path: Path) -
     assert "1 input" in exported.stdout
 
 
-X = ("system.time=t", "system.positions=[x]")
+def test_a_run_is_resumed_and_evaluated_from_another_folder(tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    (tmp_path / "there").mkdir()
+    write(tmp_path / "here" / "p.csv", TIMES, pendulum(TIMES)[:, 0], names="t,x")
+    write(tmp_path / "there" / "q.csv", TIMES, pendulum(TIMES, 0.6)[:, 0], names="t,x")
+    words = ("system.file=p.csv", *X, "system.test=0.5", "trainer.steps=40", "stages=[{}]")
+    record, run = train(tmp_path / "here", *words, *TARGET)
+    more = command(tmp_path / "there", "resume", str(run), "trainer.steps=60")
+    assert more.returncode == 0, more.stderr
+    assert json.loads((run / "run.json").read_text())["steps"] == 60
+    assert record["steps"] == 40
+    other = command(tmp_path / "there", "evaluate", str(run), "system.file=q.csv", "--output", "errors.csv")
+    assert other.returncode == 0, other.stderr
+    assert pd.read_csv(tmp_path / "there" / "errors.csv")["trajectory"].tolist() == ["q.csv"]
+
+
 WRONG = {
     "no file": (("system.file=no.csv", *X), "system.file=no.csv: no such file"),
     "near file": (("system.file=p.cvs", *X), "did you mean p.csv?"),
