@@ -25,6 +25,8 @@ from eigenode_cli.runs.checkpoints import checkpoint_path
 from eigenode_cli.runs.paths import importable, run_folder
 from eigenode_cli.runs.reader import Run, open_run
 from eigenode_cli.runs.runfile import RecordError, config_dirs, read_record
+from eigenode_cli.solve.settings import TIGHT
+from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.equilibrium import equilibrium
 from eigenode_cli.spectra.jacobian import jacobian
@@ -76,8 +78,7 @@ def _model(
         raise ValueError(f"the run {run.status} before its system was built")
     initial = started_from(config, [state.name for state in run.states], trained, scaling)
     times = run.solution.times[~run.solution.beyond]
-    start, end, path = float(times[0]), float(times[-1]), run.solution.model[~run.solution.beyond]
-    path = path[np.isfinite(path).all(axis=1)]
+    start, end, path = float(times[0]), float(times[-1]), _trajectory(run, field, initial, times)
     inner = field.field
     lowest, highest = _range(run.data.seen[run.data.times <= end], path)
     modes, modes_at, fastest = _modes(run, field, path)
@@ -121,6 +122,21 @@ def _network(field: VectorField) -> Perceptron | Monomials:
         input_scale=weights.get("input_scale"),
         output_scale=weights.get("output_scale"),
     )
+
+
+def _trajectory(run: Run, field: ScaledField, initial: Floats, times: Floats) -> Floats:
+    """Return the model's states over the training horizon, as far as it can be solved `(D, n)`.
+
+    With inputs they are the recorded ones, which belong to the result of the run.
+    """
+    if field.inputs:
+        recorded = run.solution.model[: times.size]
+        return recorded[np.isfinite(recorded).all(axis=1)]
+    units = field.states
+    with torch.no_grad():
+        start = torch.from_numpy(initial) / units
+        found = solve(field.field, start, torch.from_numpy((times - times[0]) / field.time), TIGHT)
+        return (found.states * units).numpy()
 
 
 def _name(config: TrainConfig, run: Run) -> str:

@@ -78,6 +78,7 @@ def test_folder_holds_what_the_contract_says(short: Path) -> None:
     checkpoints = {f"checkpoints/{name}" for name in (*weights, "last.safetensors", "last.json")}
     hydra = {f".hydra/{name}.yaml" for name in ("config", "hydra", "overrides")}
     tables = {"run.json", "metrics.csv", "solution.csv", "eigenvalues.csv", "data.csv", "report.html"}
+    tables.add("equilibrium.csv")
     assert files == figures | checkpoints | hydra | tables | {".lock"}
     assert "oscillator_sol+frq+osc_seed3" in short.name
 
