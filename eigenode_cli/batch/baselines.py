@@ -67,7 +67,7 @@ def _linear(setup: Setup) -> Baseline | None:
     if holdout is None:
         return None
     predictions = holdout.predictions(found.theta)
-    return Baseline(predictions, holdout.error_of(predictions) if holdout.held_out else float("nan"))
+    return Baseline(predictions, holdout.error_of(predictions))
 
 
 def _repetition(setup: Setup, holdout: Holdout) -> Baseline:
@@ -75,7 +75,7 @@ def _repetition(setup: Setup, holdout: Holdout) -> Baseline:
     stated = setup.problem.targets.frequency
     known = stated[np.isfinite(stated)]
     predictions = [_repeated(part, float(known.min()) if known.size else None) for part in holdout.parts]
-    error = holdout.error_of(predictions) if holdout.held_out else float("nan")
+    error = holdout.error_of(predictions)
     return Baseline(predictions, float("nan") if np.isinf(error) else error)
 
 

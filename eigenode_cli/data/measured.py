@@ -14,11 +14,8 @@ from eigenode_cli.systems.base import State
 from eigenode_cli.tables import UNITS_OF_TIME, Column, Format, Selection, Table, read_table
 
 FREE = "free"
-DUPLICATES = ("error", "first", "last", "mean")
 FEWEST = 4
 """Rows that a trajectory needs at least."""
-RATE = "rate"
-"""Suffix of the name of a state's derivative."""
 
 
 @dataclass(frozen=True)

@@ -67,12 +67,12 @@ class Holdout:
 
     def error(self, theta: Floats) -> float:
         """Return the root mean square error over all that was held out; see `error_of`."""
-        return self.error_of(self.predictions(theta)) if self.held_out else float("nan")
+        return self.error_of(self.predictions(theta))
 
     def error_of(self, predictions: Sequence[Floats]) -> float:
         """Return the root mean square over the held-out channels, each in units of its largest modulus.
 
-        Infinite where a prediction does not reach all that was held out.
+        Infinite where a prediction does not reach all that was held out, NaN where nothing was.
         """
         squares = []
         for part, shown in zip(self.parts, predictions, strict=True):

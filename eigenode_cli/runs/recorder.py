@@ -16,23 +16,11 @@ from eigenode_cli.arrays import Floats
 from eigenode_cli.data.dataset import Dataset
 from eigenode_cli.engines.base import Evaluation
 from eigenode_cli.runs.atomic import cell, make_folder, write_bytes, write_json, write_table, write_text, writing
+from eigenode_cli.runs.reader import METRIC_COLUMNS
 from eigenode_cli.runs.runfile import RecordError
 from eigenode_cli.terms import NAMES
 from eigenode_cli.training.progress import Progress, Snapshot
 
-COLUMNS = (
-    "step",
-    "train_seconds",
-    "lr",
-    *NAMES,
-    "max_real",
-    "n_accepted",
-    "n_rejected",
-    "status",
-    "dense_error",
-    "test_error",
-)
-"""Columns of metrics.csv; the user's own terms follow behind."""
 OPTIMIZER = "optimizer."
 """What the optimizer's arrays are named in last.safetensors, before their own names."""
 BEST_THETA = "best_theta"
@@ -146,7 +134,7 @@ class Recorder:
 
 def metrics_header(names: Sequence[str], monitored: Sequence[str] = ()) -> str:
     """Return the first line of metrics.csv; `names` are all terms, `monitored` columns that the optimizer adds."""
-    return ",".join([*COLUMNS, *monitored, *(name for name in names if name not in NAMES)])
+    return ",".join([*METRIC_COLUMNS, *monitored, *(name for name in names if name not in NAMES)])
 
 
 def complete_rows(folder: Path, header: str, before: int) -> list[str]:

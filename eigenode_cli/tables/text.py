@@ -4,7 +4,7 @@ import gzip
 import io
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -128,13 +128,11 @@ class _Reader:
         file: its name, for messages.
         layout: of the file.
         selection: what is wanted.
-        notes: what happened on the way.
     """
 
     file: str
     layout: Layout
     selection: Selection
-    notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         layout, wanted = self.layout, self.selection.columns
@@ -266,7 +264,7 @@ class _Reader:
 
     def table(self, path: Path, notes: Sequence[str]) -> Table:
         """Return what was kept."""
-        layout, more = self.layout, list(self.notes)
+        layout, more = self.layout, []
         rows = np.concatenate(self._rows) if self._rows else np.empty(0, dtype=np.int64)
         if self._clock.kind:
             more.append(f"time as {self._clock.kind}, in seconds from the first row")
