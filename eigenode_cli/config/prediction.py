@@ -12,7 +12,7 @@ from eigenode_cli.data.source import leading_rows, with_initial_state
 from eigenode_cli.engines.base import Engine
 from eigenode_cli.engines.holdout import Holdout, Part
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.model import VectorField, flat_parameters
+from eigenode_cli.model import VectorField, flat_parameters, own_parameters
 
 OPENING = 0.5
 """Time in internal units whose rows tell the initial state of a trajectory that is held out as a whole."""
@@ -32,23 +32,19 @@ def holdout_of(setup: Setup, field: VectorField | None = None) -> Holdout | None
         return None
     field = setup.field if field is None else field
     size = flat_parameters(field).size
-    unknown = [series.unknown.size for series in source.dataset.series]
-    offsets = [series.offsets.size for series in source.dataset.series]
-    initial_at = size + np.cumsum([0, *unknown])
-    offset_at = size + sum(unknown) + np.cumsum([0, *offsets])
+    seen = source.dataset.series
+    places = own_parameters(size + sum(series.trained for series in seen), seen)
     parts = []
     for number, trajectory in enumerate(measured.trajectories):
         series = source.whole(trajectory)
-        k = min(number, len(unknown) - 1)  # a trajectory that is held out has the sensors of the last one that is not
-        channels = series.channels.shape[1]
-        shift = _picker(series.offsets, channels, np.arange(offset_at[k], offset_at[k + 1]))
+        # a trajectory that is held out has the sensors of the last one that is not
+        initial, offset = places[min(number, len(places) - 1)]
+        shift = _picker(series.offsets, series.channels.shape[1], offset)
         own = np.arange(size)
         if trajectory.trained == 0:
             series = with_initial_state(series, _opening(series, setup.config.network.structure))
         else:
-            own = np.concatenate(
-                [own, np.arange(initial_at[k], initial_at[k + 1]), np.arange(offset_at[k], offset_at[k + 1])]
-            )
+            own = np.concatenate([own, initial, offset])
         parts.append(Part(series, trajectory.trained, _engine(setup, field, series), _chosen(own), shift))
     return Holdout(field, parts)
 

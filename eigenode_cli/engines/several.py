@@ -8,6 +8,7 @@ from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.base import Advance, Engine, Evaluation, LossJacobian, ResidualJacobian, single_step
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.engines.update import Update
+from eigenode_cli.model import own_parameters
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES, SPECTRAL
 
@@ -28,8 +29,7 @@ class SeveralEngine:
         self.name = engines[0].name
         self._engines, self._problems = tuple(engines), tuple(problems)
         self._terms = problems[0].terms
-        self._initial = [problem.data.unknown.size for problem in problems]
-        self._offsets = [problem.data.offsets.size for problem in problems]
+        self._series = [problem.data for problem in problems]
 
     @property
     def compile_seconds(self) -> float:
@@ -38,10 +38,8 @@ class SeveralEngine:
 
     def _columns(self, size: int) -> list[np.ndarray]:
         """Which of all `size` parameters each trajectory has."""
-        field = np.arange(size - sum(self._initial) - sum(self._offsets))
-        initial = np.split(np.arange(field.size, size - sum(self._offsets)), np.cumsum(self._initial)[:-1])
-        offset = np.split(np.arange(size - sum(self._offsets), size), np.cumsum(self._offsets)[:-1])
-        return [np.concatenate([field, *own]) for own in zip(initial, offset, strict=True)]
+        field = np.arange(size - sum(series.trained for series in self._series))
+        return [np.concatenate([field, *own]) for own in own_parameters(size, self._series)]
 
     def _shares(self, names: Sequence[str]) -> Floats:
         """Share of each trajectory in the mean of each term `(N, L)`."""

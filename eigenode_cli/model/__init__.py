@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.model.blocks import BLOCKS, block_slices, trained_mask, with_own_parameters
+from eigenode_cli.model.blocks import BLOCKS, block_slices, own_parameters, trained_mask, with_own_parameters
 from eigenode_cli.model.mlp import Mlp
 from eigenode_cli.model.polynomial import Polynomial
 from eigenode_cli.model.vector_field import VectorField, held
@@ -44,6 +44,7 @@ __all__ = [
     "flat_parameters",
     "held",
     "load_flat",
+    "own_parameters",
     "scale_output",
     "trained_mask",
     "with_own_parameters",

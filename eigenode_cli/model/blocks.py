@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import nn
 
-from eigenode_cli.arrays import Floats
+from eigenode_cli.arrays import Floats, Integers
 from eigenode_cli.data.dataset import Series
 from eigenode_cli.data.reconstruct import Estimate
 from eigenode_cli.model.vector_field import VectorField
@@ -54,6 +54,20 @@ def trained_mask(slices: Mapping[str, slice], names: Sequence[str]) -> NDArray[n
 
 def _size(module: nn.Module) -> int:
     return sum(parameter.numel() for parameter in module.parameters())
+
+
+def own_parameters(size: int, series: Sequence[Series]) -> list[tuple[Integers, Integers]]:
+    """Return where in theta `(P,)` each trajectory has its unknown initial values, and where its offsets.
+
+    Args:
+        size: P, the parameters of the field and of all trajectories.
+        series: all trajectories, in order.
+    """
+    unknown, offsets = [one.unknown.size for one in series], [one.offsets.size for one in series]
+    first = size - sum(unknown) - sum(offsets)
+    initial = np.split(np.arange(first, first + sum(unknown)), np.cumsum(unknown)[:-1])
+    offset = np.split(np.arange(first + sum(unknown), size), np.cumsum(offsets)[:-1])
+    return list(zip(initial, offset, strict=True))
 
 
 def with_own_parameters(theta: Floats, series: Sequence[Series], estimates: Sequence[Estimate]) -> Floats:
