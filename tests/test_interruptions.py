@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from eigenode_cli.batch import outcome
 from eigenode_cli.batch import run as run_module
 from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.config.schema import TrainConfig
@@ -68,7 +69,7 @@ def test_an_interruption_after_the_last_step_is_resumed_too(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(run_module, "write_eigenvalues", interrupted)
+        patch.setattr(outcome, "write_eigenvalues", interrupted)
         assert run_module.train(config, tmp_path, WORDS, quiet=True) == 130
     assert (record(tmp_path)["status"], record(tmp_path)["steps"]) == ("interrupted", 60)
     assert run_module.resume(config, tmp_path, record(tmp_path), quiet=True) == 0
