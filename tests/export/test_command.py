@@ -192,7 +192,7 @@ def test_weights_that_are_not_finite_are_refused(one_run: en.RecordedRun, tmp_pa
 
     folder = tmp_path / "broken"
     (folder / "checkpoints").mkdir(parents=True)
-    for name in ("run.json", "data.csv"):
+    for name in ("run.json", "data.csv", "solution.csv"):
         (folder / name).write_bytes((one_run.folder / name).read_bytes())
     checkpoint = "checkpoints/step-000004.safetensors"
     tensors = load_file(one_run.folder / checkpoint)
