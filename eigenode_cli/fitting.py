@@ -123,6 +123,7 @@ def fit(
     solver: Solver = SMOOTH,
     record_every: int = 25,
     engine: str = "auto",
+    at: str = "trajectory",
 ) -> Fit:
     """Train a vector field in place and return what came out.
 
@@ -136,6 +137,7 @@ def fit(
         stages: of the training.
         steps, record_every: training steps in all, and between rows of the metrics; solver: of the vector field.
         engine: compiled | torch | auto.
+        at: where the target holds: trajectory | equilibrium.
 
     Raises:
         ValueError: a term, a stage or an engine does not exist or does not fit.
@@ -143,7 +145,8 @@ def fit(
     every = _trajectories(data)
     method = LevenbergMarquardt(ridge=1e-8, evidence=True) if method is None else method
     estimates = [reconstruct(series, field.structure) for series in every]
-    first, *rest = [_problem(one, found, target, terms, solver) for one, found in zip(every, estimates, strict=True)]
+    pairs = zip(every, estimates, strict=True)
+    first, *rest = [_problem(one, found, target, terms, solver, at) for one, found in pairs]
     problem = replace(first, others=tuple(rest))
     factors: dict[str, float] = dict.fromkeys(NAMES, 1.0) | dict(scales or {})
     if isinstance(method, LevenbergMarquardt):
@@ -176,7 +179,9 @@ def _trajectories(data: Dataset | Series) -> tuple[Series, ...]:
     return (data,) if isinstance(data, Series) else data.series
 
 
-def _problem(series: Series, estimate: Estimate, target: Target, terms: Sequence[str], solver: Solver) -> Problem:
+def _problem(
+    series: Series, estimate: Estimate, target: Target, terms: Sequence[str], solver: Solver, at: str
+) -> Problem:
     """Return the problem of a fit, whose terms are squares."""
     if unknown := [term for term in terms if term not in NAMES]:
         raise ValueError(f"{', '.join(unknown)}: choose from {', '.join(NAMES)}")
@@ -184,6 +189,7 @@ def _problem(series: Series, estimate: Estimate, target: Target, terms: Sequence
     return Problem(
         data=series,
         targets=target.rows(series.times),
+        resting=target.resting(series.times)[1] if at == "equilibrium" else None,
         terms=canonical(terms),
         states=states,
         errors=np.full(len(NAMES), MSE),

@@ -62,7 +62,7 @@ def _linear(setup: Setup) -> Baseline | None:
     field = VectorField(network, structure, inputs=k)
     terms = [term for term in setup.problem.terms if term in NAMES]
     scales = {name: float(setup.config.scale[name]) for name in terms}
-    found = fit(field, dataset, setup.target, terms, scales, solver=setup.problem.solver)
+    found = fit(field, dataset, setup.target, terms, scales, solver=setup.problem.solver, at=setup.config.target.at)
     holdout = holdout_of(setup, field)
     if holdout is None:
         return None

@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from eigenode_cli.arrays import Floats
+from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.batch.baselines import baselines, summary
 from eigenode_cli.batch.measured import recorded_units
+from eigenode_cli.batch.stability import stability
 from eigenode_cli.config.setup import Setup
 from eigenode_cli.engines.holdout import Holdout
+from eigenode_cli.model import load_flat
 from eigenode_cli.runs.final_outputs import write_eigenvalues, write_equilibrium, write_measured, write_solution
 from eigenode_cli.runs.recorder import Recorder, write_data
+from eigenode_cli.spectra.equilibrium import equilibrium
 
 DENSE = 1000
 """Number of equidistant times of the horizon at which dense_error compares."""
@@ -42,7 +45,7 @@ def build_recorder(setup: Setup, folder: Path, dense_times: Floats, monitored: S
 
 
 def write_outcome(setup: Setup, folder: Path, holdout: Holdout | None, theta: Floats) -> dict[str, Any]:
-    """Write what the trained model says, and return what run.json adds: the errors of the baselines.
+    """Write what the trained model says, and return what run.json adds: stability, and the errors of the baselines.
 
     Args:
         setup: the parts of the run, its field with the trained parameters.
@@ -50,14 +53,25 @@ def write_outcome(setup: Setup, folder: Path, holdout: Holdout | None, theta: Fl
         holdout: predicts measured trajectories, None where the data were simulated.
         theta: trained parameters `(P,)`.
     """
-    source, engine = setup.source, setup.engine
+    source, engine, times = setup.source, setup.engine, setup.problem.data.times
     write_solution(folder, source, engine, theta)
-    write_eigenvalues(folder, source, setup.field, engine, theta, setup.problem, setup.target)
-    along = engine.evaluate(theta, setup.problem.data.times).dense
-    write_equilibrium(folder, source, setup.field, along, setup.target)
+    along = engine.evaluate(theta, times)
+    load_flat(setup.field, theta)
+    rest = equilibrium(setup.field, along.dense)
+    write_eigenvalues(folder, source, setup.field, along.dense, setup.problem, setup.target)
+    write_equilibrium(folder, source, setup.field, rest, _targets_at_rest(setup))
+    added: dict[str, Any] = {"stability": stability(setup, along, rest)}
     if holdout is None:
-        return {}
+        return added
     found = baselines(setup, holdout)
     shown = {"model": holdout.predictions(theta)} | {name: one.predictions for name, one in found.items()}
     write_measured(folder, source, shown)
-    return {"baselines": summary(found)}
+    return added | {"baselines": summary(found)}
+
+
+def _targets_at_rest(setup: Setup) -> Complexes:
+    """Return the eigenvalues to compare with at the equilibrium, none where the truth has no equilibrium."""
+    try:
+        return setup.target.resting(setup.problem.data.times)[0]
+    except ValueError:
+        return np.empty(0, dtype=np.complex128)

@@ -21,7 +21,7 @@ from eigenode_cli import __version__
 from eigenode_cli.batch.measured import measured_description
 from eigenode_cli.batch.outcome import build_recorder, dense_grid, write_outcome
 from eigenode_cli.batch.resumption import check_saved
-from eigenode_cli.batch.stability import not_stable, stability
+from eigenode_cli.batch.stability import not_stable
 from eigenode_cli.config.build import build_method, build_options, build_schedule, combination
 from eigenode_cli.config.prediction import holdout_of
 from eigenode_cli.config.schema import SCHEMAS, TrainConfig
@@ -180,7 +180,7 @@ def _train(
         record |= _account(trainer, setup)
     load_flat(setup.field, theta)
     record |= write_outcome(setup, folder, holdout, theta)
-    record |= {"final": last, "summary": summary(last, trainer.progress), "stability": stability(setup, theta)}
+    record |= {"final": last, "summary": summary(last, trainer.progress)}
     if (said := not_stable(setup, record["stability"])) is not None:
         shown.say(said)
     return trainer.ending

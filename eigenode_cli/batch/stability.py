@@ -5,23 +5,26 @@ import math
 from eigenode_cli.arrays import Floats
 from eigenode_cli.config.names import training_terms
 from eigenode_cli.config.setup import Setup
-from eigenode_cli.model import load_flat
-from eigenode_cli.spectra.equilibrium import equilibrium, spectrum_at
+from eigenode_cli.engines.base import Evaluation
+from eigenode_cli.spectra.equilibrium import spectrum_at
 
 WHERE = {"trajectory": "along the trajectory", "equilibrium": "at the equilibrium"}
 """Places at which stability is looked at, in words."""
 
 
-def stability(setup: Setup, theta: Floats) -> dict[str, float | None]:
-    """Return the largest real part in 1/s along the trajectory and at the equilibrium at `theta (P,)`.
+def stability(setup: Setup, along: Evaluation, rest: Floats | None) -> dict[str, float | None]:
+    """Return the largest real part in 1/s along the trajectory and at the equilibrium.
 
     None where the solve failed, or no equilibrium is found.
+
+    Args:
+        setup: the parts of the run, its field with the trained parameters.
+        along: the trajectory.
+        rest: the equilibrium `(n,)`, None where there is none.
     """
-    found, unit = setup.engine.evaluate(theta, setup.problem.data.times), setup.source.scaling.time
-    load_flat(setup.field, theta)
-    rest = equilibrium(setup.field, found.dense)
+    unit = setup.source.scaling.time
     return {
-        "trajectory": None if math.isnan(found.max_real) else found.max_real / unit,
+        "trajectory": None if math.isnan(along.max_real) else along.max_real / unit,
         "equilibrium": None if rest is None else float(spectrum_at(setup.field, rest).real.max()) / unit,
     }
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.config.names import damped_frequencies
+from eigenode_cli.config.names import damped_frequencies, stated_ranges
 from eigenode_cli.config.optimizer_schema import OwnOptimizerConfig
 from eigenode_cli.config.outline import outline_of
 from eigenode_cli.config.plugins import load_class, own_options
@@ -76,7 +76,8 @@ def build_source(config: TrainConfig) -> "Source":
 
     system = config.system
     if isinstance(system, TableConfig):
-        stated = damped_frequencies(config.target) if isinstance(config.target, StatedTargetConfig) else []
+        ranges = damped_frequencies(config.target) if isinstance(config.target, StatedTargetConfig) else []
+        stated = [0.5 * (low + high) for low, high in ranges]
         return measured_source(measured_of(system), config.network.structure, stated)
     truth = build_truth(system)
     return simulated_source(truth, build_dataset(system, truth, config.seed))
@@ -100,8 +101,9 @@ def build_target(config: TargetConfig, source: "Source") -> "Target":
 
     corridor = None if config.stiffness is None else (config.stiffness[0], config.stiffness[1])
     if isinstance(config, StatedTargetConfig):
-        frequencies = [source.scaling.frequency(hertz) for hertz in damped_frequencies(config)]
-        return StatedTarget(frequencies, config.damping, corridor)
+        internal = source.scaling.frequency
+        frequencies = [(internal(low), internal(high)) for low, high in damped_frequencies(config)]
+        return StatedTarget(frequencies, stated_ranges(config.damping), corridor)
     if isinstance(config, TruthTargetConfig) and source.truth is not None:
         return TruthTarget(source.truth, config.frequency_factor, corridor)
     raise TypeError(f"no targets come from a {type(config).__name__}")

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
-from eigenode_cli.config.names import damped_frequencies, named_terms
+from eigenode_cli.config.names import damped_frequencies, named_terms, stated_ranges
 from eigenode_cli.config.schema import SystemConfig
 from eigenode_cli.terms import of_target, split_grads
 
@@ -23,16 +23,21 @@ def target_faults(config: DictConfig) -> list[str]:
     if config.target.name == "stated":
         return list(_lost_pairs(config))
     named = {f"{key}={text}": split_grads(text) for key, text in named_terms(config)}
-    if not any({*OF_PAIRS, *OF_RATIO}.intersection(words) for words in named.values()):
+    at_rest = config.target.at == "equilibrium"
+    if not (at_rest or any({*OF_PAIRS, *OF_RATIO}.intersection(words) for words in named.values())):
         return []
-    pairs, ratios = _truth(config)
+    try:
+        pairs, ratios = _truth(config)
+    except ValueError as error:
+        return [f"target.at=equilibrium: {error}"]
     faults = []
     for setting, words in named.items():
         idle = [word for word in OF_PAIRS if word in words and not pairs]
         if idle:
             faults.append(
-                f"{setting}: no target has a pair: {_no_effect(idle)}; the truth's eigenvalues are real at all data"
-                " times, so leave out what has no effect, or state pairs with target=stated"
+                f"{setting}: no target has a pair: {_no_effect(idle)}; the truth's eigenvalues are real at"
+                f" {'its equilibrium' if at_rest else 'all data times'}, so leave out what has no effect, or state"
+                " pairs with target=stated"
             )
         idle = [word for word in OF_RATIO if word in words]
         if idle and not ratios and config.target.stiffness is None:
@@ -51,27 +56,35 @@ def _lost_pairs(config: DictConfig) -> Iterator[str]:
     """Yield a fault for each stated pair that by the rule for all spectra is none."""
     from eigenode_cli.data.targets import StatedTarget  # noqa: PLC0415  # Numba, only once all else is right
 
-    frequency, damping = damped_frequencies(config.target), list(config.target.damping)
+    frequency, damping = damped_frequencies(config.target), stated_ranges(config.target.damping)
     spectrum, level = StatedTarget(frequency, damping).spectrum()
-    for number, (hertz, ratio) in enumerate(zip(frequency, damping, strict=True)):
+    for number, (hertz, ratio) in enumerate(zip(config.target.frequency, config.target.damping, strict=True)):
         if not spectrum[number].imag > level:
             yield (
-                f"target.frequency={frequency} target.damping={damping}: the pair of {hertz!r} Hz with damping"
-                f" {ratio!r} is no pair to rounding (2 pi f must be above {level:.2g} 1/s); state less damping, or"
-                " leave this pair out"
+                f"target.frequency={config.target.frequency} target.damping={config.target.damping}: the pair of"
+                f" {hertz!r} Hz with damping {ratio!r} is no pair to rounding (2 pi f must be above {level:.2g} 1/s);"
+                " state less damping, or leave this pair out"
             )
 
 
 def _truth(config: DictConfig) -> tuple[bool, bool]:
-    """Whether any target of the truth has a pair, and whether any has a finite stiffness ratio."""
+    """Whether any target of the truth has a pair, and whether any has a finite stiffness ratio.
+
+    Raises:
+        ValueError: they are to be those of an equilibrium, and there is none.
+    """
     from eigenode_cli.config.build import build_truth  # noqa: PLC0415  # as above
     from eigenode_cli.data.targets import TruthTarget  # noqa: PLC0415  # as above
 
     settings = config.system
     truth = build_truth(cast(SystemConfig, OmegaConf.to_object(settings)))
     times = np.linspace(0.0, settings.horizon, settings.points)
+    target = TruthTarget(truth, config.target.frequency_factor)
+    if config.target.at == "equilibrium":
+        there = target.resting(times)[1]
+        return bool(there.pairs.any()), bool(np.isfinite(there.stiffness).any())
     try:
-        along = TruthTarget(truth, config.target.frequency_factor).rows(times)
+        along = target.rows(times)
     except ValueError:  # a system that cannot be solved is for the run to tell
         return True, True
     targets = along.rows(np.arange(0, times.size, config.eigen.every))

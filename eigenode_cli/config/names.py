@@ -4,7 +4,7 @@ The modules that implement them hold a registry under the same names; a test kee
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from eigenode_cli.terms import canonical, split_grads
@@ -21,14 +21,24 @@ ON_UNSOLVABLE = ("stabilise", "skip", "stop")
 KEPT = ("last", "best")
 JACOBIANS = ("autodiff", "finite_difference", "symbolic")
 SPECTRA_AT = ("trajectory", "data")
+TARGETS_AT = ("trajectory", "equilibrium")
 EIGENVALUE_COUNTS = ("spectrum", "times")
 SENSITIVITIES = ("auto", "forward", "adjoint")
 
 
-def damped_frequencies(target: Any) -> list[float]:
-    """Return the stated frequencies |Im|/2 pi in Hz; of an undamped one it is `f sqrt(1 - ratio^2)`."""
-    pairs = zip(target.frequency, target.damping, strict=True)
-    return [hertz * math.sqrt(1.0 - ratio**2) if target.undamped else hertz for hertz, ratio in pairs]
+def stated_ranges(entries: Iterable[Any]) -> list[tuple[float, float]]:
+    """Return the ends of what is stated, a value or [low, high]; those of a value are equal."""
+    return [(entry, entry) if isinstance(entry, int | float) else (entry[0], entry[1]) for entry in entries]
+
+
+def damped_frequencies(target: Any) -> list[tuple[float, float]]:
+    """Return the ends of the stated frequencies |Im|/2 pi in Hz; of an undamped one it is `f sqrt(1 - ratio^2)`."""
+    found = []
+    for (low, high), damping in zip(stated_ranges(target.frequency), stated_ranges(target.damping), strict=True):
+        sizes = sorted(map(abs, damping)) if target.undamped else [0.0, 0.0]
+        least = 0.0 if damping[0] < 0.0 < damping[1] else sizes[0]
+        found.append((low * math.sqrt(1.0 - sizes[1] ** 2), high * math.sqrt(1.0 - least**2)))
+    return found
 
 
 def named_terms(config: Any) -> Iterator[tuple[str, str]]:

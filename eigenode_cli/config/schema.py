@@ -183,6 +183,8 @@ class TargetConfig:
     """What the spectral terms compare the spectrum with."""
 
     name: str = MISSING
+    at: str = option(choices=names.TARGETS_AT)
+    """Where the target holds, and the spectrum is compared with it: trajectory | equilibrium."""
     stiffness: list[float] | None = option(at_least=1)
     """Corridor [low, high] of the stiffness ratio instead of the target's own, or null; [1, 1] for fast simulation."""
 
@@ -199,10 +201,10 @@ class TruthTargetConfig(TargetConfig):
 class StatedTargetConfig(TargetConfig):
     """Targets stated by the user, the same at all times."""
 
-    frequency: list[float] = option(above=0)
-    """Frequency |Im|/2 pi of each pair in Hz (the damped one)."""
-    damping: list[float] = option(above=-1, below=1)
-    """Damping ratio of each pair, in the same order."""
+    frequency: list[Any] = option(above=0)
+    """Frequency |Im|/2 pi of each pair in Hz (the damped one): a value, or a range [low, high]."""
+    damping: list[Any] = option(above=-1, below=1)
+    """Damping ratio of each pair, in the same order: a value, or a range [low, high]."""
     undamped: bool = MISSING
     """Whether the frequencies are undamped ones, |lambda|/2 pi, as a modal test may state them."""
 

@@ -154,6 +154,7 @@ def build_problem(config: TrainConfig, source: Source, series: Series, estimate:
     return Problem(
         data=series,
         targets=target.rows(series.times).rows(np.arange(0, series.times.size, every)),
+        resting=target.resting(series.times)[1] if config.target.at == "equilibrium" else None,
         terms=canonical(split_grads(config.grads)),
         every=every,
         states=estimate.states if estimate.complete else None,
@@ -173,7 +174,8 @@ def initial_linear(config: TrainConfig, problem: Problem, estimate: Estimate) ->
     if config.network.linear == "fitted":
         return fitted_matrix(estimate, structure, driven)
     if config.network.linear == "modes":
-        matrix = modal_matrix(stated_pairs(problem.targets), estimate, structure)
+        targets = problem.targets if problem.resting is None else problem.resting
+        matrix = modal_matrix(stated_pairs(targets), estimate, structure)
         return with_inputs(matrix, estimate, driven)
     return None
 

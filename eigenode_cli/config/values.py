@@ -17,7 +17,7 @@ from eigenode_cli.config.validators import constraint_of
 from eigenode_cli.engines.support import obstacle
 from eigenode_cli.errors import UserError, nearest, unknown
 from eigenode_cli.runs.paths import hidden
-from eigenode_cli.terms import NAMES, SPECTRAL, TERMS, split_grads
+from eigenode_cli.terms import AT_TARGET, NAMES, SPECTRAL, TERMS, split_grads
 from eigenode_cli.terms.arguments import arguments_of
 
 MLP = "eigenode_cli.model:Mlp"
@@ -359,10 +359,16 @@ def _target(config: DictConfig) -> Iterator[str]:
     corridor = target.stiffness
     if corridor is not None and not (len(corridor) == 2 and corridor[0] <= corridor[1]):
         yield f"target.stiffness={show(corridor)}: must be [low,high] with low at most high, for example [1,1]"
+    elsewhere = set(training_terms(config)) - {"sol", *AT_TARGET}
+    for number, stage in enumerate(config.stages):
+        if target.at == "equilibrium" and stage.spectra == "data" and not elsewhere:
+            yield f"stages.{number}.spectra=data: no effect, as target.at=equilibrium takes these terms there"
     if target.name != "stated":
         if is_table(config.system):
             yield f"target={target.name}: measured data have no truth; write target=stated"
         return
+    wrong = [*_stated_faults("target.frequency", target.frequency), *_stated_faults("target.damping", target.damping)]
+    yield from wrong
     found = _outline(config)
     count, pairs = len(target.frequency), len(target.frequency) if found is None else len(found.states) // 2
     if count != len(target.damping):
@@ -380,6 +386,17 @@ def _target(config: DictConfig) -> Iterator[str]:
             yield f"{key}: {word} has nothing to meet; state target.frequency and target.damping"
         if target_part == "ratio" and corridor is None:
             yield f"{key}: {word} has nothing to meet; state target.stiffness=[low,high]"
+
+
+def _stated_faults(key: str, entries: Iterable[Any]) -> Iterator[str]:
+    """Yield every entry of a stated target is a number or a range."""
+    for entry in entries:
+        ends = list(entry) if OmegaConf.is_list(entry) else [entry]
+        numbers = all(isinstance(end, int | float) and not isinstance(end, bool) for end in ends)
+        if not (numbers and (not OmegaConf.is_list(entry) or len(ends) == 2)):
+            yield f"{key}={show(entries)}: {show(entry)} is no number and no range [low,high]"
+        elif ends[0] > ends[-1]:
+            yield f"{key}={show(entries)}: the range {show(entry)} has its low end last"
 
 
 CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (

@@ -28,16 +28,45 @@ class Targets:
         damping: damping ratio of the same pairs `(T, K)`.
         pairs: number of pairs `(T,)`.
         stiffness: corridor of the stiffness ratio `(T, 2)`; infinite where the target's ratio is.
+        frequency_tolerance, damping_tolerance: half-widths of ranges around the two `(T, K)`, by default zero: values
+            to be met.
     """
 
     frequency: Floats
     damping: Floats
     pairs: Integers
     stiffness: Floats
+    frequency_tolerance: Floats = field(default_factory=lambda: np.empty(0))
+    damping_tolerance: Floats = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        """Make values of what has no range."""
+        for name in ("frequency_tolerance", "damping_tolerance"):
+            if not getattr(self, name).size:
+                object.__setattr__(self, name, np.zeros_like(self.frequency))
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Integers, Floats, Floats, Floats]:
+        """All of them, in this order."""
+        return (
+            self.frequency,
+            self.damping,
+            self.pairs,
+            self.stiffness,
+            self.frequency_tolerance,
+            self.damping_tolerance,
+        )
 
     def rows(self, index: Integers) -> "Targets":
         """Return the targets of the spectra with these indices, which may repeat."""
-        return Targets(self.frequency[index], self.damping[index], self.pairs[index], self.stiffness[index])
+        return Targets(
+            frequency=self.frequency[index],
+            damping=self.damping[index],
+            pairs=self.pairs[index],
+            stiffness=self.stiffness[index],
+            frequency_tolerance=self.frequency_tolerance[index],
+            damping_tolerance=self.damping_tolerance[index],
+        )
 
 
 class Target(Protocol):
@@ -49,6 +78,14 @@ class Target(Protocol):
 
     def rows(self, times: Floats) -> Targets:
         """Return the targets of the spectra at `times (T,)` in s."""
+        ...
+
+    def resting(self, times: Floats) -> tuple[Complexes, Targets]:
+        """Return the eigenvalues in 1/s to be compared with at the equilibrium `(.,)`, and their targets, one row.
+
+        Raises:
+            ValueError: the truth has no equilibrium near its trajectory at `times (T,)` in s.
+        """
         ...
 
 
@@ -74,16 +111,34 @@ class TruthTarget:
         """See `Target.rows`."""
         return _with_corridor(targets_of_spectra(*self._found(times)), self.stiffness)
 
+    def resting(self, times: Floats) -> tuple[Complexes, Targets]:
+        """See `Target.resting`."""
+        from eigenode_cli.spectra.equilibrium import zero_of  # noqa: PLC0415  # torch, where it is needed
+
+        system = self.truth.system
+        rest = zero_of(system.dynamics, system.jacobian, self.truth.states(times))
+        if rest is None:
+            raise ValueError(f"{system.title} has no equilibrium near its trajectory")
+        spectra, levels = self._at(rest[None])
+        return spectra[0], _with_corridor(targets_of_spectra(spectra, levels), self.stiffness)
+
     def _found(self, times: Floats) -> tuple[Complexes, Floats]:
-        """Spectra and their rounding levels `(T,)`.
+        return self._at(self.truth.states(times))
+
+    def _at(self, states: Floats) -> tuple[Complexes, Floats]:
+        """Return the spectra at `states (T, n)` and their rounding levels `(T,)`.
 
         With a frequency factor each pair has its frequency times the factor, and its damping ratio, so that it is
         scaled as a whole; real eigenvalues stay.
         """
-        matrices = self.truth.system.jacobian(self.truth.states(times))
+        matrices = self.truth.system.jacobian(states)
         levels, factor = rounding_levels(matrices), self.frequency_factor
         spectra = without_rounding(np.linalg.eigvals(matrices).astype(np.complex128), levels)
         return np.where(spectra.imag == 0.0, spectra, factor * spectra), levels * min(factor, 1.0)
+
+
+Stated = float | tuple[float, float]
+"""A value to be met, or the ends of a range to be kept to."""
 
 
 @dataclass(frozen=True)
@@ -91,28 +146,27 @@ class StatedTarget:
     """Pairs that the user states, the same at all times.
 
     Attributes:
-        frequency: damped frequency |Im|/2 pi of each pair in Hz.
-        damping: damping ratio of each, in the same order.
+        frequency: damped frequency |Im|/2 pi of each pair in Hz: a value, or a range (low, high).
+        damping: damping ratio of each, in the same order: a value, or a range.
         stiffness: corridor of the stiffness ratio, None for that of the stated pairs.
     """
 
-    frequency: Sequence[float] = ()
-    damping: Sequence[float] = ()
+    frequency: Sequence[Stated] = ()
+    damping: Sequence[Stated] = ()
     stiffness: tuple[float, float] | None = None
-    _order: Integers = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check that each pair has both numbers."""
         if len(self.frequency) != len(self.damping):
             raise ValueError(f"{len(self.frequency)} frequencies and {len(self.damping)} damping ratios")
-        object.__setattr__(self, "_order", np.argsort(self.frequency, kind="stable"))
 
     def spectrum(self) -> tuple[Complexes, float]:
         """Return the eigenvalues `(2 K,)` in 1/s, upper members first, and their rounding level in 1/s.
 
-        The size behind that level is that of the normal matrix with these eigenvalues: their 2-norm.
+        Of a range they are those of its middle. The size behind that level is that of the normal matrix with these
+        eigenvalues: their 2-norm.
         """
-        pairs = zip(self.frequency, self.damping, strict=True)
+        pairs = zip(_middles(self.frequency)[0], _middles(self.damping)[0], strict=True)
         upper = np.array([target_eigenvalue(*pair) for pair in pairs], dtype=np.complex128)
         spectrum = np.concatenate([upper, upper.conj()])
         return spectrum, ROUNDING * float(np.linalg.norm(spectrum))
@@ -123,15 +177,31 @@ class StatedTarget:
 
     def rows(self, times: Floats) -> Targets:
         """See `Target.rows`; the stiffness ratio is that of the stated pairs, and there is none without a pair."""
-        count, order = times.size, self._order
-        stiffness = stiffness_ratio(*self.spectrum()) if len(self.frequency) else np.inf
+        count = times.size
+        (frequency, wide), (damping, broad) = _middles(self.frequency), _middles(self.damping)
+        order = np.argsort(frequency, kind="stable")
+        stiffness = stiffness_ratio(*self.spectrum()) if frequency.size else np.inf
         targets = Targets(
-            frequency=np.tile(np.asarray(self.frequency, dtype=np.float64)[order], (count, 1)),
-            damping=np.tile(np.asarray(self.damping, dtype=np.float64)[order], (count, 1)),
-            pairs=np.full(count, len(self.frequency), dtype=np.int64),
+            frequency=np.tile(frequency[order], (count, 1)),
+            damping=np.tile(damping[order], (count, 1)),
+            pairs=np.full(count, frequency.size, dtype=np.int64),
             stiffness=np.full((count, 2), stiffness),
+            frequency_tolerance=np.tile(wide[order], (count, 1)),
+            damping_tolerance=np.tile(broad[order], (count, 1)),
         )
         return _with_corridor(targets, self.stiffness)
+
+    def resting(self, times: Floats) -> tuple[Complexes, Targets]:
+        """See `Target.resting`."""
+        del times
+        return self.spectrum()[0], self.rows(np.zeros(1))
+
+
+def _middles(stated: Sequence[Stated]) -> tuple[Floats, Floats]:
+    """Return the middle of each stated value or range `(K,)`, and half of its width."""
+    ends = np.array([(one, one) if isinstance(one, float | int) else one for one in stated], dtype=np.float64)
+    low, high = ends.reshape(-1, 2).T
+    return np.where(low == high, low, 0.5 * (low + high)), 0.5 * (high - low)
 
 
 def _with_corridor(targets: Targets, stiffness: tuple[float, float] | None) -> Targets:

@@ -1,7 +1,7 @@
 """Which engine a training gets."""
 
 from collections.abc import Callable, Mapping
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from eigenode_cli.engines.several import SeveralEngine
 from eigenode_cli.engines.support import obstacle
 from eigenode_cli.model import VectorField
 from eigenode_cli.model.mlp import Mlp
+from eigenode_cli.terms import AT_TARGET
 from eigenode_cli.terms.user import UserTerm, on_arrays
 
 
@@ -37,6 +38,8 @@ def build_engine(
     Raises:
         ValueError: `engine=compiled` for what it can't do.
     """
+    if problem.resting is not None:
+        return _at_rest(field, problem, user_terms, engine, sensitivity, announce)
     if problem.others:
         single = [build_engine(field, one, user_terms, engine, sensitivity, announce) for one in problem.trajectories]
         return SeveralEngine(single, problem.trajectories)
@@ -54,6 +57,16 @@ def build_engine(
     data = problem.data
     terms = {name: on_arrays(term, data.times, data.seen, field) for name, term in own.items()}
     return CompiledEngine(shape_of(field), problem, terms, sensitivity, announce)
+
+
+def _at_rest(field: VectorField, problem: Problem, *others: Any) -> Engine:
+    """Return the engine of terms at the equilibrium; it solves even where they are all that trains."""
+    from eigenode_cli.engines.at_rest import EquilibriumEngine  # noqa: PLC0415  # SciPy, only where it is used
+
+    rest = tuple(term for term in problem.terms if term not in AT_TARGET)
+    filler = () if rest else ("sol",) if problem.solved else ("stb",)
+    along = build_engine(field, problem.changed(resting=None, terms=rest or filler), *others)
+    return EquilibriumEngine(field, problem, along, len(filler))
 
 
 def shape_of(field: VectorField) -> MlpShape:

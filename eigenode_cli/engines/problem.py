@@ -38,6 +38,8 @@ class Problem:
             together, both held constant; otherwise all terms of a failed solve are NaN.
         solved: whether anything is solved at all. If not, every loss Jacobian has the status `UNSOLVED` and gives the
             spectral terms, at `states` alone.
+        resting: targets of the spectrum at the equilibrium, one row, where the terms that compare with a target are
+            taken there and not along the trajectory; None for that.
         others: further trajectories, each with the same settings, and none with others of its own.
 
     Raises:
@@ -57,6 +59,7 @@ class Problem:
     solver: Solver = field(default_factory=AdaptiveSolver)
     stabilise: bool = True
     solved: bool = True
+    resting: Targets | None = None
     others: "tuple[Problem, ...]" = ()
 
     def __post_init__(self) -> None:

@@ -89,7 +89,8 @@ def measure_test(unit: Unit) -> None:
     source = simulated_source(later, simulate(later, times, observed))
     data = source.dataset.series[0]
     targets = build_target(unit.config.target, source).rows(times).rows(setup.problem.spectral_index)
-    problem = replace(setup.problem, terms=("sol",), data=data, targets=targets, states=None, stabilise=False)
+    changes = {"data": data, "targets": targets, "resting": None, "states": None, "stabilise": False}
+    problem = replace(setup.problem, terms=("sol",), **changes)
     evaluation = engine_of(unit.config, setup.field, problem).evaluate(theta, data.times)
     trained = setup.engine.evaluate(theta, times)
     start = times[:1]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from eigenode_cli.arrays import Floats
+from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.data.source import Source
 from eigenode_cli.data.targets import Target
 from eigenode_cli.engines.base import Engine
@@ -15,7 +15,7 @@ from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField, held
 from eigenode_cli.runs.recorder import write_table
 from eigenode_cli.spectra.eig import eig
-from eigenode_cli.spectra.equilibrium import equilibrium, spectrum_at
+from eigenode_cli.spectra.equilibrium import spectrum_at
 from eigenode_cli.spectra.jacobian import jacobian
 from eigenode_cli.spectra.pairs import UNMATCHED, rounding_levels, without_rounding
 from eigenode_cli.spectra.tracking import assign, track
@@ -72,14 +72,21 @@ def write_eigenvalues(
     folder: Path,
     source: Source,
     field: VectorField,
-    engine: Engine,
-    theta: Floats,
+    states: Floats,
     problem: Problem,
     target: Target,
 ) -> None:
-    """Write eigenvalues.csv: the model's at all data times along its trajectory, tracked, with their targets."""
+    """Write eigenvalues.csv: the model's at all data times along its trajectory, tracked, with their targets.
+
+    Args:
+        folder: of the run.
+        source: with the internal units.
+        field: with the trained parameters.
+        states: at the data times `(N, n)`, NaN where not reached.
+        problem: with the inputs.
+        target: what they are compared with, where it holds along the trajectory.
+    """
     times, count = problem.data.times, problem.data.times.size
-    states = engine.evaluate(theta, times).dense
     reached = np.isfinite(states).all(axis=1)
     n = states.shape[1]
     spectra = np.full((count, n), np.nan, dtype=np.complex128)
@@ -94,6 +101,8 @@ def write_eigenvalues(
     order = track(spectra, vectors)
     spectra = source.scaling.eigenvalues(np.take_along_axis(spectra, order, axis=1))
     targets = source.scaling.eigenvalues(target.spectra(times))
+    if problem.resting is not None:
+        targets = np.full_like(targets, np.nan)
     rows: list[list[float | int | str]] = []
     for time, spectrum, wanted in zip(source.seconds(times), spectra, targets, strict=True):
         mode_of = assign(spectrum, wanted)
@@ -106,22 +115,22 @@ def write_eigenvalues(
     write_table(folder / "eigenvalues.csv", ["t", "mode", "re", "im", "target_re", "target_im"], rows)
 
 
-def write_equilibrium(folder: Path, source: Source, field: VectorField, states: Floats, target: Target) -> None:
+def write_equilibrium(folder: Path, source: Source, field: VectorField, rest: Floats | None, wanted: Complexes) -> None:
     """Write equilibrium.csv: the eigenvalues where the field without inputs is zero, with targets; no rows without one.
 
     Args:
         folder: of the run.
         source: with the internal units.
         field: with the trained parameters.
-        states: along the trajectory `(D, n)`, near which the equilibrium is looked for.
-        target: what the pairs are compared with.
+        rest: the equilibrium `(n,)`, None where there is none.
+        wanted: eigenvalues that they are compared with, in internal units.
     """
     header = ["mode", "re", "im", "target_re", "target_im", "frequency", "damping_ratio"]
     header += [f"equilibrium_{state.name}" for state in source.states]
-    rest, rows = equilibrium(field, states), []
+    rows = []
     if rest is not None:
         spectrum = source.scaling.eigenvalues(spectrum_at(field, rest))
-        wanted = source.scaling.eigenvalues(target.spectra(source.dataset.series[0].times[:1])[0])
+        wanted = source.scaling.eigenvalues(wanted)
         goals, mode_of = np.full(spectrum.size, complex(np.nan, np.nan)), assign(spectrum, wanted)
         goals[mode_of[mode_of != UNMATCHED]] = wanted[mode_of != UNMATCHED]
         place = (rest * source.scaling.states).tolist()

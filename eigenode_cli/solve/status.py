@@ -15,10 +15,12 @@ class Status(IntEnum):
     """The field returned NaN or infinity at every step size that was tried."""
     UNSOLVED = 4
     """No solve was asked for: the spectral terms alone are taken, at the data states."""
+    NO_EQUILIBRIUM = 5
+    """The field has no equilibrium near the data, where `target.at=equilibrium` compares its spectrum."""
 
     @property
     def label(self) -> str:
-        """The name as it stands in `metrics.csv`: ok, underflow, max_steps, non_finite, unsolved."""
+        """The name as it stands in `metrics.csv`: ok, underflow, max_steps, ..."""
         return self.name.lower()
 
 

@@ -83,6 +83,8 @@ TERMS: dict[str, Term] = {
 NAMES: tuple[str, ...] = tuple(TERMS)
 SPECTRAL: tuple[str, ...] = tuple(name for name, term in TERMS.items() if term.needs == "spectra")
 """Terms that need no solution, only states to take a spectrum at."""
+AT_TARGET: tuple[str, ...] = tuple(name for name in SPECTRAL if TERMS[name].target is not None)
+"""Terms that compare the spectrum with a target, and are taken where the target holds."""
 
 
 def of_target(kind: str) -> tuple[str, ...]:

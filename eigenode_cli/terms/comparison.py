@@ -19,6 +19,7 @@ class Comparison(NamedTuple):
         match: index of the target of each eigenvalue `(n,)`, `UNMATCHED` for none; `matched` how many have one.
         frequency: of the target's pairs `(K,)` in Hz, ascending, NaN behind the last.
         damping: damping ratios of the same pairs `(K,)`, in [-1, 1].
+        frequency_tolerance, damping_tolerance: half-widths of their ranges `(K,)`; zero for values to be met.
         pairs: number of pairs of the target.
         stiffness: smallest and largest accepted stiffness ratio `(2,)`; equal for a value to be met.
         margin: stability margin in 1/s.
@@ -31,6 +32,8 @@ class Comparison(NamedTuple):
     matched: int
     frequency: Floats
     damping: Floats
+    frequency_tolerance: Floats
+    damping_tolerance: Floats
     pairs: int
     stiffness: Floats
     margin: float

@@ -10,6 +10,12 @@ ERRORS = {"mae": MAE, "mse": MSE, "huber": HUBER}
 
 
 @njit
+def outside(difference, tolerance):
+    """Return how far a difference lies outside `[-tolerance, tolerance]`, with its sign; zero inside."""
+    return difference - min(max(difference, -tolerance), tolerance)
+
+
+@njit
 def error_value(kind, delta, difference):
     """Error of one difference: `|r|`, `r^2`, or Huber's `r^2/2` inside `delta` and `delta (|r| - delta/2)` outside."""
     size = abs(difference)

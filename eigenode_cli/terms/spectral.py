@@ -26,8 +26,8 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
         codes: terms to evaluate `(L,)`, each one of FRQ, DMP, STB, OSC, STF; others are left at zero.
         spectra: eigenvalues `(T, n)` in 1/s.
         levels: up to where a part of an eigenvalue counts as zero (`pairs.rounding_level`), in 1/s `(T,)`.
-        targets: frequencies and damping ratios `(T, K)` in Hz and 1, ascending in frequency, NaN behind; number
-            of pairs `(T,)`; corridor of the stiffness ratio `(T, 2)`.
+        targets: as in `data.targets.Targets`, in its order: frequencies and damping ratios `(T, K)` in Hz and 1,
+            number of pairs `(T,)`, corridor of the stiffness ratio `(T, 2)`, half-widths of the ranges `(T, K)`.
         margin: stability margin in 1/s.
         errors: error function of each term of the registry `(len(NAMES),)`; `delta` is Huber's threshold.
         values: filled with the terms `(L,)`.
@@ -37,7 +37,8 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
 
     Returns the number of spectra that counted.
     """
-    (frequency, damping, pairs, stiffness), (partner, match) = targets, space
+    frequency, damping, pairs, stiffness, frequency_tolerance, damping_tolerance = targets
+    partner, match = space
     values[:] = 0.0
     slopes[:] = 0.0
     compared[:] = 0
@@ -50,7 +51,18 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
         find_partners(spectrum, level, partner)
         matched = match_targets(spectrum, partner, frequency[t], damping[t], match)
         comparison = Comparison(
-            spectrum, level, partner, match, matched, frequency[t], damping[t], pairs[t], stiffness[t], margin
+            spectrum,
+            level,
+            partner,
+            match,
+            matched,
+            frequency[t],
+            damping[t],
+            frequency_tolerance[t],
+            damping_tolerance[t],
+            pairs[t],
+            stiffness[t],
+            margin,
         )
         for k in range(codes.size):
             code, error, slope, value, defined = codes[k], errors[codes[k]], slopes[k, t], 0.0, False

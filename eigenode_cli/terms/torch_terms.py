@@ -78,7 +78,7 @@ def spectral_values(
         np.array([NAMES.index(term) for term in terms], dtype=np.int64),
         eigenvalues,
         np.zeros(count) if levels is None else levels,
-        (targets.frequency, targets.damping, targets.pairs, targets.stiffness),
+        targets.arrays,
         margin,
         errors,
         huber_delta,

@@ -255,6 +255,8 @@ def _build_setup(owner: Owner, problem: Problem, parameters: int) -> Setup:
         damping=twice(targets.damping, np.float64),
         pairs=twice(targets.pairs, np.int64),
         stiffness=twice(targets.stiffness, np.float64),
+        frequency_tolerance=twice(targets.frequency_tolerance, np.float64),
+        damping_tolerance=twice(targets.damping_tolerance, np.float64),
         margin=float(problem.margin),
         errors=owner.copy(problem.errors, np.int64),
         delta=float(problem.huber_delta),

@@ -29,7 +29,8 @@ class Setup(NamedTuple):
         indices: data times at which spectra are taken `(T,)`.
         references: states of the data there `(T, n)`, at which a failed solve takes the spectral terms as well.
         limit: moduli of the states up to which it takes them at the states that it reached `(n,)`.
-        frequency, damping, pairs, stiffness: targets, one row for each of the T spectra and then again `(2 T, ...)`.
+        frequency, damping, pairs, stiffness, frequency_tolerance, damping_tolerance: targets, one row for each of the
+            T spectra and then again `(2 T, ...)`.
         margin, errors, delta: of the terms.
         stabilise: whether a failed solve gives spectral terms.
         solved: whether there is a solve at all.
@@ -58,6 +59,8 @@ class Setup(NamedTuple):
     damping: int
     pairs: int
     stiffness: int
+    frequency_tolerance: int
+    damping_tolerance: int
     margin: float
     errors: int
     delta: float

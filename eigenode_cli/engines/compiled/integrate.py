@@ -13,7 +13,7 @@ from eigenode_cli.jit import njit_inner
 from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
 
-OK, UNDERFLOW, MAX_STEPS, NON_FINITE, UNSOLVED = (int(status) for status in Status)
+OK, UNDERFLOW, MAX_STEPS, NON_FINITE, UNSOLVED = (int(status) for status in tuple(Status)[:5])
 ON_KNOT = 1e-6
 """A given step ends at a knot if it comes this near to it, relative to its size."""
 FULL = -1

@@ -173,6 +173,8 @@ def _evaluate_terms(core, codes, values, states):
             carray(doubles(setup.damping, 0), (count, setup.pair_count)),
             carray(integers(setup.pairs, 0), (count,)),
             carray(doubles(setup.stiffness, 0), (count, 2)),
+            carray(doubles(setup.frequency_tolerance, 0), (count, setup.pair_count)),
+            carray(doubles(setup.damping_tolerance, 0), (count, setup.pair_count)),
         ),
         setup.margin,
         errors,

@@ -83,6 +83,8 @@ def _square(core, codes, term, t):
             carray(doubles(setup.damping, t * k), (1, k)),
             carray(integers(setup.pairs, t), (1,)),
             carray(doubles(setup.stiffness, 2 * t), (1, 2)),
+            carray(doubles(setup.frequency_tolerance, t * k), (1, k)),
+            carray(doubles(setup.damping_tolerance, t * k), (1, k)),
         ),
         setup.margin,
         carray(integers(work.squares, 0), (COUNT,)),
