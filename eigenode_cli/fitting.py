@@ -136,8 +136,7 @@ def fit(
         method, schedule: of the optimizer; Levenberg-Marquardt, and a constant rate, by default.
         stages: of the training.
         steps, record_every: training steps in all, and between rows of the metrics; solver: of the vector field.
-        engine: compiled | torch | auto.
-        at: where the target holds: trajectory | equilibrium.
+        engine: compiled | torch | auto; at: where the target holds, trajectory | equilibrium.
 
     Raises:
         ValueError: a term, a stage or an engine does not exist or does not fit.
@@ -145,9 +144,7 @@ def fit(
     every = _trajectories(data)
     method = LevenbergMarquardt(ridge=1e-8, evidence=True) if method is None else method
     estimates = [reconstruct(series, field.structure) for series in every]
-    pairs = zip(every, estimates, strict=True)
-    first, *rest = [_problem(one, found, target, terms, solver, at) for one, found in pairs]
-    problem = replace(first, others=tuple(rest))
+    problem = _problem(every, estimates, target, terms, solver, at)
     factors: dict[str, float] = dict.fromkeys(NAMES, 1.0) | dict(scales or {})
     if isinstance(method, LevenbergMarquardt):
         factors = relative_scales(factors, problem)
@@ -180,22 +177,34 @@ def _trajectories(data: Dataset | Series) -> tuple[Series, ...]:
 
 
 def _problem(
-    series: Series, estimate: Estimate, target: Target, terms: Sequence[str], solver: Solver, at: str
+    every: Sequence[Series],
+    estimates: Sequence[Estimate],
+    target: Target,
+    terms: Sequence[str],
+    solver: Solver,
+    at: str,
 ) -> Problem:
     """Return the problem of a fit, whose terms are squares."""
     if unknown := [term for term in terms if term not in NAMES]:
         raise ValueError(f"{', '.join(unknown)}: choose from {', '.join(NAMES)}")
-    states = estimate.states if estimate.complete else None
-    return Problem(
-        data=series,
-        targets=target.rows(series.times),
-        resting=target.resting(series.times)[1] if at == "equilibrium" else None,
-        terms=canonical(terms),
-        states=states,
-        errors=np.full(len(NAMES), MSE),
-        solver=solver,
-        stabilise=states is not None,
-    )
+    if at not in ("trajectory", "equilibrium"):
+        raise ValueError(f"at={at}: choose from trajectory, equilibrium")
+    problems = []
+    for series, estimate in zip(every, estimates, strict=True):
+        states = estimate.states if estimate.complete else None
+        problems.append(
+            Problem(
+                data=series,
+                targets=target.rows(series.times),
+                resting=target.resting(series.times)[1] if at == "equilibrium" else None,
+                terms=canonical(terms),
+                states=states,
+                errors=np.full(len(NAMES), MSE),
+                solver=solver,
+                stabilise=states is not None,
+            )
+        )
+    return replace(problems[0], others=tuple(problems[1:]))
 
 
 def modal_field(

@@ -1,9 +1,14 @@
 """Small problems that several tests share."""
 
 import logging
+import os
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+
+from eigenode_cli.cli import BLAS_THREADS
+
+os.environ |= dict.fromkeys(BLAS_THREADS, "1")  # as the command does, before NumPy is loaded: workers share the cores
 
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import Field, dataclass, field
 from typing import Any
 
-from omegaconf import MISSING
+from omegaconf import MISSING, OmegaConf
 
 from eigenode_cli.errors import unknown
 
@@ -67,3 +67,12 @@ def option(
 def constraint_of(entry: "Field[Any]") -> Constraint:
     """Return the constraint of a field; one without still asks for finite numbers."""
     return entry.metadata.get("constraint", Constraint())
+
+
+def show(value: Any) -> str:
+    """Return a value as the user would type it."""
+    if OmegaConf.is_list(value):
+        return f"[{','.join(show(element) for element in value)}]"
+    if isinstance(value, float):
+        return f"{value:g}"
+    return "null" if value is None else str(value)

@@ -13,11 +13,12 @@ from eigenode_cli.config.outline import Outline, is_table, outline_of
 from eigenode_cli.config.plugins import unresolved
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.table_schema import TableConfig
-from eigenode_cli.config.validators import constraint_of
+from eigenode_cli.config.target_values import target_faults
+from eigenode_cli.config.validators import constraint_of, show
 from eigenode_cli.engines.support import obstacle
 from eigenode_cli.errors import UserError, nearest, unknown
 from eigenode_cli.runs.paths import hidden
-from eigenode_cli.terms import AT_TARGET, NAMES, SPECTRAL, TERMS, split_grads
+from eigenode_cli.terms import NAMES, SPECTRAL, split_grads
 from eigenode_cli.terms.arguments import arguments_of
 
 MLP = "eigenode_cli.model:Mlp"
@@ -37,15 +38,6 @@ def value_faults(config: DictConfig) -> list[str]:
     from eigenode_cli.config.rehearsal import rehearse  # noqa: PLC0415  # torch, only where there is an own term
 
     return list(rehearse(config))
-
-
-def show(value: Any) -> str:
-    """Return a value as the user would type it."""
-    if OmegaConf.is_list(value):
-        return f"[{','.join(show(element) for element in value)}]"
-    if isinstance(value, float):
-        return f"{value:g}"
-    return "null" if value is None else str(value)
 
 
 def _node_faults(node: DictConfig, schema: type[Any], prefix: str) -> Iterator[str]:
@@ -354,49 +346,8 @@ def _engine(config: DictConfig) -> Iterator[str]:
 
 
 def _target(config: DictConfig) -> Iterator[str]:
-    """Yield a corridor is one, and stated targets give the terms something to meet."""
-    target = config.target
-    corridor = target.stiffness
-    if corridor is not None and not (len(corridor) == 2 and corridor[0] <= corridor[1]):
-        yield f"target.stiffness={show(corridor)}: must be [low,high] with low at most high, for example [1,1]"
-    elsewhere = set(training_terms(config)) - {"sol", *AT_TARGET}
-    for number, stage in enumerate(config.stages):
-        if target.at == "equilibrium" and stage.spectra == "data" and not elsewhere:
-            yield f"stages.{number}.spectra=data: no effect, as target.at=equilibrium takes these terms there"
-    if target.name != "stated":
-        if is_table(config.system):
-            yield f"target={target.name}: measured data have no truth; write target=stated"
-        return
-    wrong = [*_stated_faults("target.frequency", target.frequency), *_stated_faults("target.damping", target.damping)]
-    yield from wrong
-    found = _outline(config)
-    count, pairs = len(target.frequency), len(target.frequency) if found is None else len(found.states) // 2
-    if count != len(target.damping):
-        yield (
-            f"target.damping={show(target.damping)}: needs one value for each of the {count} in"
-            f" target.frequency={show(target.frequency)}"
-        )
-    if count > pairs:
-        yield f"target.frequency={show(target.frequency)}: {config.system.name} has room for {pairs} pair(s)"
-    origin = {word: f"{key}={text}" for key, text in reversed(list(named_terms(config))) for word in split_grads(text)}
-    for word in training_terms(config):
-        key = origin[word]
-        target_part = TERMS[word].target if word in TERMS else None
-        if target_part == "pairs" and count == 0:
-            yield f"{key}: {word} has nothing to meet; state target.frequency and target.damping"
-        if target_part == "ratio" and corridor is None:
-            yield f"{key}: {word} has nothing to meet; state target.stiffness=[low,high]"
-
-
-def _stated_faults(key: str, entries: Iterable[Any]) -> Iterator[str]:
-    """Yield every entry of a stated target is a number or a range."""
-    for entry in entries:
-        ends = list(entry) if OmegaConf.is_list(entry) else [entry]
-        numbers = all(isinstance(end, int | float) and not isinstance(end, bool) for end in ends)
-        if not (numbers and (not OmegaConf.is_list(entry) or len(ends) == 2)):
-            yield f"{key}={show(entries)}: {show(entry)} is no number and no range [low,high]"
-        elif ends[0] > ends[-1]:
-            yield f"{key}={show(entries)}: the range {show(entry)} has its low end last"
+    """Yield targets are stated right, and give the terms something to meet."""
+    return target_faults(config, _outline(config))
 
 
 CHECKS: tuple[Callable[[DictConfig], Iterator[str]], ...] = (

@@ -58,6 +58,8 @@ class EquilibriumEngine:
         self._size = sum(parameter.numel() for parameter in self._parameters)
         self._states = np.concatenate([_known(one) for one in problem.trajectories])
         self._sizes = torch.from_numpy(problem.sizes)
+        closed = problem.jacobian == "autodiff" and field.has_symbolic_jacobian  # exact as well, and faster
+        self._jacobian = "symbolic" if closed else problem.jacobian
 
     @property
     def compile_seconds(self) -> float:
@@ -80,7 +82,9 @@ class EquilibriumEngine:
 
     def residual_jacobian(self, theta: Floats, differentiated: bool = True) -> ResidualJacobian:
         """See `Engine.residual_jacobian`; each of these terms has one residual, zero where nothing is compared."""
-        found, rest = self._along.residual_jacobian(theta, differentiated), self._at_rest(theta)
+        found = self._along.residual_jacobian(theta, differentiated)
+        with torch.set_grad_enabled(differentiated):
+            rest = self._at_rest(theta)
         values = np.full(self._rows.size, np.nan)
         values[~self._rows] = found.values[: found.values.size - self._filler]
         own = torch.zeros(len(self._terms), dtype=torch.float64)
@@ -107,7 +111,9 @@ class EquilibriumEngine:
 
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         """See `Engine.evaluate`; without an equilibrium a solve that succeeded has the status `NO_EQUILIBRIUM`."""
-        found, rest = self._along.evaluate(theta, times), self._at_rest(theta)
+        found = self._along.evaluate(theta, times)
+        with torch.no_grad():
+            rest = self._at_rest(theta)
         values, numbers = found.values.copy(), [NAMES.index(term) for term in AT_TARGET]
         values[numbers] = np.nan
         if rest is not None:
@@ -121,7 +127,7 @@ class EquilibriumEngine:
         state = None if rest is None else followed(self._field, rest)
         if state is None:
             return None
-        matrices = jacobian(self._field, state[None], self._problem.jacobian, self._sizes)
+        matrices = jacobian(self._field, state[None], self._jacobian, self._sizes)
         spectrum, fired = eigvals(matrices, self._problem.max_condition)
         return _Rest(spectrum, rounding_levels(matrices.detach().numpy()), int(fired.sum()))
 

@@ -43,7 +43,7 @@ def equilibrium(field: Callable[[Tensor], Tensor], states: Floats) -> Floats | N
             return field(torch.from_numpy(np.array(x))).numpy()
 
     def slope(x: Floats) -> Floats:
-        return jacobian(field, torch.from_numpy(np.array(x)), "autodiff").detach().numpy()
+        return _exact_jacobian(field, torch.from_numpy(np.array(x))).detach().numpy()
 
     return zero_of(rate, slope, states)
 
@@ -55,12 +55,17 @@ def followed(field: Callable[[Tensor], Tensor], rest: Floats) -> Tensor | None:
     implicit function, `dx = -A^-1 df`, as A is exact at `rest`. There is none where A is singular.
     """
     state = torch.from_numpy(rest)
-    matrix = jacobian(field, state, "autodiff").detach()
+    matrix = _exact_jacobian(field, state).detach()
     step, info = torch.linalg.solve_ex(matrix, field(state))
     return None if int(info) or not bool(torch.isfinite(step).all()) else state - step
 
 
 def spectrum_at(field: Callable[[Tensor], Tensor], state: Floats) -> Complexes:
     """Return the eigenvalues `(n,)` in 1/s of the Jacobian of `field` at a state `(n,)`."""
-    matrix = jacobian(field, torch.from_numpy(state), "autodiff").detach()
-    return eigvals(matrix)[0].numpy()
+    return eigvals(_exact_jacobian(field, torch.from_numpy(state)).detach())[0].numpy()
+
+
+def _exact_jacobian(field: Callable[[Tensor], Tensor], state: Tensor) -> Tensor:
+    """Return A `(n, n)` at a state `(n,)`, in closed form where there is one: torch takes a second to differentiate."""
+    closed = getattr(field, "has_symbolic_jacobian", False)
+    return jacobian(field, state, "symbolic" if closed else "autodiff")

@@ -37,8 +37,7 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
 
     Returns the number of spectra that counted.
     """
-    frequency, damping, pairs, stiffness, frequency_tolerance, damping_tolerance = targets
-    partner, match = space
+    (frequency, damping), (partner, match) = targets[:2], space
     values[:] = 0.0
     slopes[:] = 0.0
     compared[:] = 0
@@ -50,20 +49,7 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
         counted += 1
         find_partners(spectrum, level, partner)
         matched = match_targets(spectrum, partner, frequency[t], damping[t], match)
-        comparison = Comparison(
-            spectrum,
-            level,
-            partner,
-            match,
-            matched,
-            frequency[t],
-            damping[t],
-            frequency_tolerance[t],
-            damping_tolerance[t],
-            pairs[t],
-            stiffness[t],
-            margin,
-        )
+        comparison = _comparison(targets, t, spectrum, level, partner, match, matched, margin)
         for k in range(codes.size):
             code, error, slope, value, defined = codes[k], errors[codes[k]], slopes[k, t], 0.0, False
             if code == FRQ:
@@ -82,6 +68,16 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
         values /= counted
         _divide(slopes, counted)
     return counted
+
+
+@njit
+def _comparison(targets, t, spectrum, level, partner, match, matched, margin):
+    """Return the spectrum number t beside its target."""
+    frequency, damping, pairs, stiffness, wide, broad = targets
+    own = frequency[t], damping[t], wide[t], broad[t]
+    return Comparison(
+        spectrum, level, partner, match, matched, own[0], own[1], own[2], own[3], pairs[t], stiffness[t], margin
+    )
 
 
 @njit

@@ -128,6 +128,31 @@ WRONG = [
         "train target=stated grads=frq target.frequency=[1.0] target.damping=[0.9999999999999999]",
         "target.frequency=[1.0] target.damping=[0.9999999999999999]: the pair of 1.0 Hz with damping",
     ),
+    (
+        "train target=stated grads=frq target.frequency=[[1.1,0.9]] target.damping=[0.1]",
+        "target.frequency=[[1.1,0.9]]: the range [1.1,0.9] has its low end last",
+    ),
+    (
+        "train target=stated grads=frq target.frequency=[1.0] target.damping=[[0.1,0.2,0.3]]",
+        "target.damping=[[0.1,0.2,0.3]]: [0.1,0.2,0.3] is no number and no range [low,high]",
+    ),
+    (
+        "train target=stated grads=frq target.frequency=[a] target.damping=[0.1]",
+        "target.frequency=[a]: a is no number and no range [low,high]",
+    ),
+    (
+        "train target=stated grads=frq target.frequency=[[-1.0,1.0]] target.damping=[0.1]",
+        "target.frequency=[[-1,1]]: must be above 0",
+    ),
+    ("train target.at=rest", "target.at=rest: unknown name 'rest'; choose from trajectory, equilibrium"),
+    (
+        "train target.at=equilibrium stages.0.spectra=data grads=sol+frq",
+        "stages.0.spectra=data: no effect, as target.at=equilibrium takes these terms there",
+    ),
+    (
+        "train system=vdp target.at=equilibrium grads=sol+frq",
+        "grads=sol+frq: no target has a pair: frq has no effect; the truth's eigenvalues are real at its equilibrium",
+    ),
     ("train target=stated grads=stf", "grads=stf: stf has nothing to meet; state target.stiffness=[low,high]"),
     (
         "train trainer.pretrain=frq",

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,13 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
-from eigenode_cli.data.targets import Targets, targets_of_spectra
+from eigenode_cli.data.targets import StatedTarget, Targets, targets_of_spectra
+from eigenode_cli.engines.factory import build_engine
+from eigenode_cli.model import flat_parameters
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
+from tests.conftest import make_case
 from tests.measured import series
 
 DELTA = 0.3
@@ -254,3 +258,29 @@ def test_matching_is_the_optimal_assignment(model: list[float], goal: list[float
     cost = np.abs(np.subtract.outer(model, goal))
     optimum = 2.0 * cost[linear_sum_assignment(cost)].sum() / n
     assert float(value_of("frq", torch.from_numpy(lam), targets)) == pytest.approx(optimum, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "torch"])
+def test_inside_a_range_nothing_is_wrong(engine: str) -> None:
+    """Half a range wider than the distance the term is zero, narrower it is the rest of the distance."""
+    case = make_case("oscillator")
+    problem, field = case.problem(terms=("sol", "frq", "dmp")), case.field(linear="zero", output_gain=0.01)
+    theta = flat_parameters(field)
+    theta[-2:] = -30.0, -0.3  # 0.872 Hz with damping ratio 0.027, beside 0.796 Hz and 0.005
+    plain = build_engine(field, problem, engine=engine).loss_jacobian(theta)
+    for part, row in (("frequency", 1), ("damping", 2)):
+        middle = getattr(problem.targets, part)
+        for share, left in ((2.0, 0.0), (0.25, 0.75)):
+            targets = replace(problem.targets, **{f"{part}_tolerance": np.full_like(middle, share * plain.values[row])})
+            found = build_engine(field, replace(problem, targets=targets), engine=engine).loss_jacobian(theta)
+            assert found.values[row] == pytest.approx(left * plain.values[row], rel=0.02, abs=1e-12)
+            np.testing.assert_allclose(found.gradients[row], (left > 0.0) * plain.gradients[row], rtol=1e-9, atol=1e-12)
+
+
+def test_a_stated_range_is_its_middle_and_half_its_width() -> None:
+    target = StatedTarget([(1.9, 2.1), 0.5], [0.02, (0.0, 0.1)])
+    rows = target.rows(np.zeros(2))
+    np.testing.assert_allclose(rows.frequency[0], [0.5, 2.0])
+    np.testing.assert_allclose(rows.frequency_tolerance[1], [0.0, 0.1])
+    np.testing.assert_allclose(rows.damping[0], [0.05, 0.02])
+    np.testing.assert_allclose(rows.damping_tolerance[0], [0.05, 0.0])
