@@ -102,6 +102,8 @@ def _evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("words", metavar="KEY=VALUE", nargs="*", help="for example 'system.initial_state=[0.5,0]'")
     parser.add_argument("--points", metavar="N", type=int, default=1001, help="equidistant times (1001)")
     parser.add_argument("--output", metavar="FILE", help="write times, truth and model into a CSV file")
+    parser.add_argument("--map", metavar="FILE", help="draw where trajectories go from a grid of initial states")
+    parser.add_argument("--grid", metavar="N", type=int, default=15, help="grid points of each state of the map (15)")
 
 
 def _evaluate(args: argparse.Namespace) -> int:

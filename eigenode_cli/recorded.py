@@ -35,6 +35,7 @@ from eigenode_cli.solve.settings import TIGHT, Solver
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.spectra.eig import eigvals
 from eigenode_cli.spectra.jacobian import jacobian
+from eigenode_cli.systems.base import State
 from eigenode_cli.training.ending import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -78,6 +79,16 @@ class RecordedRun:
     def states(self) -> tuple[str, ...]:
         """Names of the states."""
         return tuple(state.name for state in self._run.states)
+
+    @property
+    def described_states(self) -> tuple[State, ...]:
+        """The states with unit and symbol."""
+        return tuple(self._run.states)
+
+    @property
+    def internal_field(self) -> VectorField:
+        """The learned vector field in internal units, with the weights of the result."""
+        return self._model[0]
 
     @cached_property
     def _run(self) -> Run:

@@ -27,6 +27,7 @@ ORDER = (
     ("batch",),
     ("export",),
     ("recorded",),
+    ("basins",),
     ("bench",),
     ("reproduce",),
     ("commands",),

@@ -4,6 +4,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from eigenode_cli.commands.evaluate_map import draw_map
 from eigenode_cli.commands.evaluate_measured import evaluate_measured
 from eigenode_cli.config.table_schema import TableConfig
 from eigenode_cli.console import number, show_table
@@ -20,9 +21,12 @@ def evaluate(args: argparse.Namespace) -> int:
     from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
     from eigenode_cli.solve.settings import TIGHT  # noqa: PLC0415
 
-    if args.points < 2:
-        raise UserError(f"--points {args.points}: must be at least 2")
+    for option, value in (("--points", args.points), ("--grid", args.grid)):
+        if value < 2:
+            raise UserError(f"{option} {value}: must be at least 2")
     run = load_run(args.run)
+    if args.map:
+        draw_map(run, args.map, args.grid)
     if isinstance(run.config.system, TableConfig):
         return evaluate_measured(args, run)
     own = [f"system.{name}" for name in run.record["config"]["system"] if name not in MEASURED]

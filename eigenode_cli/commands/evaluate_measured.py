@@ -1,6 +1,7 @@
 """`eigenode evaluate RUN` of a run on measured data: errors on the same tables or on others, modes, simulations."""
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ ROLES = (
     "solver",
 )
 """Settings that may change: what is looked at, not which column is what."""
+SIMULATION = ("system.initial_state=", "system.horizon=")
+"""Words that ask for a simulation from elsewhere, with which no data can be compared."""
 
 
 def evaluate_measured(args: argparse.Namespace, run: "RecordedRun") -> int:
@@ -29,7 +32,11 @@ def evaluate_measured(args: argparse.Namespace, run: "RecordedRun") -> int:
     from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415  # torch, once it is needed
     from eigenode_cli.config.evaluation import predictions  # noqa: PLC0415
 
-    words, files = list(args.words), ("system.file=", "system.test_files=")
+    words, simulated = _simulation_words(args.words)
+    if simulated:
+        _simulate(args, run, simulated, words)
+        return 0
+    files = ("system.file=", "system.test_files=")
     if any(word.startswith(files) for word in words) and not any(word.startswith("system.folder=") for word in words):
         words.append(f"system.folder='{Path.cwd()}'")
     config = restore(with_changes(run.record["config"], words, ROLES), run.record.get("schemas"))
@@ -49,6 +56,61 @@ def evaluate_measured(args: argparse.Namespace, run: "RecordedRun") -> int:
         write_text(Path(args.output), table.to_csv(index=False))
         print(args.output)
     return 0
+
+
+def _simulation_words(words: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """Return the words that say what to compare with, and values of those that ask for a simulation instead."""
+    simulated = dict(word.split("=", 1) for word in words if word.startswith(SIMULATION))
+    return [word for word in words if not word.startswith(SIMULATION)], simulated
+
+
+def _simulate(args: argparse.Namespace, run: "RecordedRun", asked: Mapping[str, str], rest: Sequence[str]) -> None:
+    """Print where the model goes from another initial state, or over another horizon, without inputs after the data.
+
+    Raises:
+        UserError: the state has another length, or a value is no number.
+    """
+    import pandas as pd  # noqa: PLC0415
+
+    if rest:
+        raise UserError(f"{rest[0]}: no effect beside {next(iter(asked))}=..., which compares with no data")
+    names, start = list(run.states), run.initial_state().tolist()
+    if "system.initial_state" in asked:
+        start = _numbers("system.initial_state", asked["system.initial_state"])
+        if len(start) != len(names):
+            shown = asked["system.initial_state"]
+            raise UserError(f"system.initial_state={shown}: give one value for each of {', '.join(names)}")
+    begin, end = (float(run.solution["t"].iloc[i]) for i in (0, -1))
+    horizon = _numbers("system.horizon", asked["system.horizon"])[0] if "system.horizon" in asked else end - begin
+    if not horizon > 0.0:
+        raise UserError(f"system.horizon={horizon:g}: must be above 0")
+    times = np.linspace(begin, begin + horizon, args.points)
+    found = run.simulate(times, start)
+    rows = [
+        [name, *map(number, (found[0, i], found[-1, i], float(np.max(np.abs(found[:, i])))))]
+        for i, name in enumerate(names)
+    ]
+    header = ("state", "first", "last", "largest modulus")
+    show_table(header, rows, f"{run.folder.name}: simulated over {horizon:g} s", right=header[1:])
+    if not np.isfinite(found).all():
+        print("the model could not be solved to the end")
+    if args.output:
+        from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
+
+        table = pd.DataFrame({"t": times} | {f"model_{name}": found[:, i] for i, name in enumerate(names)})
+        write_text(Path(args.output), table.to_csv(index=False))
+        print(args.output)
+
+
+def _numbers(key: str, text: str) -> list[float]:
+    """Return the numbers of a value or of a list as typed."""
+    try:
+        values = [float(part) for part in text.strip().strip("[]").split(",")]
+    except ValueError:
+        values = [float("nan")]
+    if not np.isfinite(values).all():
+        raise UserError(f"{key}={text}: must be a number, or a list of numbers such as [0.5,0]")
+    return values
 
 
 def _show_modes(folder: Path) -> None:

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
+import eigenode_cli as en
 from eigenode_cli.arrays import Floats
 from tests.batch.helpers import inside
 
@@ -256,3 +257,44 @@ def test_the_shipped_record_trains(tmp_path: Path) -> None:
     done = command(tmp_path, "train", "measured=lynx_hare", "trainer.figures=false", f"hydra.run.dir={run}")
     assert done.returncode == 0, done.stderr
     assert json.loads((run / "run.json").read_text())["final"]["test_error"] < 0.3
+
+
+def test_a_model_is_simulated_from_another_state(plain: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
+    _, run = plain
+    done = command(
+        tmp_path, "evaluate", str(run), "system.initial_state=[0.9,0]", "system.horizon=2", "--output", "s.csv"
+    )
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(tmp_path / "s.csv")
+    expected = pendulum(np.linspace(0.0, 2.0, 1001), 0.9)[:, 0]
+    assert table["t"].iloc[-1] == pytest.approx(2.0)
+    np.testing.assert_allclose(table["model_angle"], expected, atol=0.02)
+    for words, fault in (
+        (["system.initial_state=[0.2]"], "system.initial_state=[0.2]: give one value for each of angle, angle_dot"),
+        (["system.horizon=-1"], "system.horizon=-1: must be above 0"),
+        (["system.horizon=2", "solver.rtol=1e-3"], "solver.rtol=1e-3: no effect beside system.horizon=..."),
+        (["--map", "m.txt"], "--map m.txt: name a picture"),
+        (["--grid", "1"], "--grid 1: must be at least 2"),
+    ):
+        done = command(tmp_path, "evaluate", str(run), *words)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith(f"eigenode: error: {fault}")
+
+
+def test_a_map_tells_where_trajectories_go(plain: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
+    _, run = plain
+    done = command(tmp_path, "evaluate", str(run), "--map", "map.png", "--grid", "7")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("49 initial states: ")
+    table, loaded = pd.read_csv(tmp_path / "map.csv"), en.load_run(run)
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+    assert len(table) == 49
+    own = loaded.solution[["model_angle", "model_angle_dot"]].to_numpy()
+    span = 1.5 * np.ptp(own, axis=0)  # in the units of the file, one and a half times as wide as the model's own range
+    np.testing.assert_allclose(np.ptp(table[["angle", "angle_dot"]].to_numpy(), axis=0), span, rtol=1e-6)
+    nearest = table.iloc[(table["angle"].abs() + table["angle_dot"].abs()).argmin()]
+    assert nearest["size"] < 0.5 * table["size"].replace(np.inf, np.nan).max()
+    row = table.loc[table["end"] != "leaves"].iloc[len(table) // 3]
+    times = np.linspace(0.0, loaded.solution["t"].iloc[-1], 201)
+    again = loaded.simulate(times, [row["angle"], row["angle_dot"]])
+    np.testing.assert_allclose(again[-1], [row["end_angle"], row["end_angle_dot"]], atol=1e-3 * span.max())
