@@ -46,7 +46,7 @@ class Basins:
     @property
     def counts(self) -> dict[str, int]:
         """How many trajectories end in which way."""
-        return {end: int((self.table["end"] == end).sum()) for end in (RESTS, MOVES, LEAVES)}
+        return {end: int((self.table["end"].to_numpy() == end).sum()) for end in (RESTS, MOVES, LEAVES)}
 
 
 def basins(run: RecordedRun, count: int = 15, horizon: float | None = None) -> Basins:

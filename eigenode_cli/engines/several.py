@@ -1,16 +1,22 @@
 """Several trajectories in one loss Jacobian: means over the residuals of all of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 
 from eigenode_cli.arrays import Floats
+from eigenode_cli.cpus import usable_cores
 from eigenode_cli.engines.base import Advance, Engine, Evaluation, LossJacobian, ResidualJacobian, single_step
+from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.engines.update import Update
 from eigenode_cli.model import own_parameters
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES, SPECTRAL
+
+Found = TypeVar("Found")
 
 
 class SeveralEngine:
@@ -30,6 +36,9 @@ class SeveralEngine:
         self._engines, self._problems = tuple(engines), tuple(problems)
         self._terms = problems[0].terms
         self._series = [problem.data for problem in problems]
+        parallel = all(isinstance(engine, CompiledEngine) and engine.in_threads for engine in engines)
+        self.threads = min(len(engines), usable_cores()) if parallel else 1
+        self._pool = ThreadPoolExecutor(max(1, self.threads - 1))
 
     @property
     def compile_seconds(self) -> float:
@@ -40,6 +49,18 @@ class SeveralEngine:
         """Which of all `size` parameters each trajectory has."""
         field = np.arange(size - sum(series.trained for series in self._series))
         return [np.concatenate([field, *own]) for own in own_parameters(size, self._series)]
+
+    def _each(self, call: Callable[[Engine, Floats], Found], theta: Floats) -> list[Found]:
+        """Call each engine with its own parameters, each thread a share of them; results in their order."""
+        parts = [theta[own] for own in self._columns(theta.size)]
+
+        def share(number: int) -> list[Found]:
+            part = slice(len(parts) * number // self.threads, len(parts) * (number + 1) // self.threads)
+            return [call(engine, own) for engine, own in zip(self._engines[part], parts[part], strict=True)]
+
+        waiting = [self._pool.submit(share, number) for number in range(1, self.threads)]
+        found = share(0)
+        return [*found, *(one for part in waiting for one in part.result())]
 
     def _shares(self, names: Sequence[str]) -> Floats:
         """Share of each trajectory in the mean of each term `(N, L)`."""
@@ -53,7 +74,7 @@ class SeveralEngine:
     def loss_jacobian(self, theta: Floats) -> LossJacobian:
         """See `Engine.loss_jacobian`; the trajectory is that of the first one, the spectra are those of all."""
         columns, shares = self._columns(theta.size), self._shares(self._terms)
-        found = [engine.loss_jacobian(theta[own]) for engine, own in zip(self._engines, columns, strict=True)]
+        found = self._each(lambda engine, own: engine.loss_jacobian(own), theta)
         gradients = np.zeros((len(self._terms), theta.size))
         for one, own, share in zip(found, columns, shares, strict=True):
             gradients[:, own] += share[:, None] * one.gradients
@@ -71,10 +92,7 @@ class SeveralEngine:
     def residual_jacobian(self, theta: Floats, differentiated: bool = True) -> ResidualJacobian:
         """See `Engine.residual_jacobian`: those of a term, trajectory after trajectory."""
         columns = self._columns(theta.size)
-        found = [
-            engine.residual_jacobian(theta[own], differentiated)
-            for engine, own in zip(self._engines, columns, strict=True)
-        ]
+        found = self._each(lambda engine, own: engine.residual_jacobian(own, differentiated), theta)
         rows, residuals, parts, start = {}, [], [], 0
         for term in self._terms:
             for one, own in zip(found, columns, strict=True):
@@ -95,8 +113,7 @@ class SeveralEngine:
 
     def evaluate(self, theta: Floats, times: Floats) -> Evaluation:
         """See `Engine.evaluate`; trajectory and states at `times` are those of the first one."""
-        columns = self._columns(theta.size)
-        found = [engine.evaluate(theta[own], times) for engine, own in zip(self._engines, columns, strict=True)]
+        found = self._each(lambda engine, own: engine.evaluate(own, times), theta)
         own_terms = found[0].values.size - len(NAMES)
         shares = self._shares([*NAMES, *[SPECTRAL[0]] * own_terms])
         return Evaluation(

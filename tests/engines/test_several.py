@@ -16,6 +16,7 @@ from eigenode_cli.engines.several import SeveralEngine
 from eigenode_cli.model import VectorField, flat_parameters
 from eigenode_cli.solve.status import Status
 from eigenode_cli.terms import NAMES
+from eigenode_cli.terms.user import UserTerm
 from tests.engines.test_residuals import field_of, problem_of
 
 ENGINES = ("compiled", "torch")
@@ -109,3 +110,28 @@ def test_a_series_alone_and_in_a_dataset_train_the_same() -> None:
 
 def seeded() -> VectorField:
     return en.VectorField(en.Mlp(2, [8], 1, generator=torch.Generator().manual_seed(0)))
+
+
+def test_threads_change_no_bit() -> None:
+    """Each of two threads takes a share of the trajectories; one thread gives the same bytes."""
+    field, problem, theta = together()
+    third = problem_of(2, False).until(0.5)
+    problem = replace(problem, others=(*problem.others, third))
+    engine = build_engine(field, problem)
+    assert isinstance(engine, SeveralEngine)
+    found = {}
+    for threads in (1, 2, 3):
+        engine.threads = threads
+        jacobian, residuals = engine.loss_jacobian(theta), engine.residual_jacobian(theta)
+        values = engine.evaluate(theta, np.array([0.0])).values
+        found[threads] = [part.tobytes() for part in (jacobian.gradients, residuals.jacobian, values)]
+    assert found[1] == found[2] == found[3]
+
+
+def test_own_terms_stay_in_one_thread() -> None:
+    """They run in torch on a field that all trajectories share."""
+    field, problem, _ = together()
+    term = UserTerm(lambda trajectory: (trajectory**2).mean(), ("trajectory",))
+    engine = build_engine(field, problem, {"calm": term})
+    assert isinstance(engine, SeveralEngine)
+    assert engine.threads == 1

@@ -110,6 +110,11 @@ class CompiledEngine:
         """Sizes of the accepted steps of the last solve over the data times in s; `loss_jacobian` can be given them."""
         return self._room.sizes[: self._shared.outcome[kernel.ACCEPTED]].copy()
 
+    @property
+    def in_threads(self) -> bool:
+        """Whether several engines may work side by side: kernels release the interpreter's lock, own terms do not."""
+        return not self._user_terms
+
     def loss_jacobian(self, theta: Floats, steps: Floats | None = None) -> LossJacobian:
         """Values and gradients of the named terms at `theta (P,)`.
 

@@ -1,13 +1,17 @@
 """Kernels that are compiled or loaded before their first call, announced, and in a process of their own."""
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from eigenode_cli.engines.compiled import kernels
 from eigenode_cli.engines.compiled.cached import not_ready
 from eigenode_cli.engines.compiled.subprocess_compile import compile_apart
 from eigenode_cli.jit import PLAIN
+
+_COMPILING = threading.Lock()
+"""One thread compiles, the others wait for what it made."""
 
 
 class Kernels:
@@ -35,11 +39,15 @@ class Kernels:
             self._announce("NUMBA_DISABLE_JIT is set: kernels run as plain Python, very slowly, for debugging")
         signatures = {name: self._signature(name) for name in fresh if not PLAIN}
         start = time.perf_counter()
+        with _COMPILING:
+            self._compile(signatures)
+        self._loaded.update(fresh)
+        self.seconds += time.perf_counter() - start
+
+    def _compile(self, signatures: Mapping[str, tuple[Any, ...]]) -> None:
         if missing := not_ready(kernels, signatures):
             self._announce("compiling the engine, once for this environment (one to two minutes)")
             if fault := compile_apart(missing):
                 self._announce(f"compiling it within this run, as it failed in a process of its own: {fault}")
         for name, signature in signatures.items():
             getattr(kernels, name).compile(signature)
-        self._loaded.update(fresh)
-        self.seconds += time.perf_counter() - start
