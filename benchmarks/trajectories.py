@@ -81,7 +81,6 @@ def main() -> None:
                 {
                     "width": width,
                     "trajectories": count,
-                    "milliseconds": 50.0 * one,
                     "ratio": float(np.median(ratios)),
                     "equal_bytes": equal,
                 }
