@@ -23,7 +23,7 @@ from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, scale_output, with_own_parameters
 from eigenode_cli.model.modes import modal_matrix, stated_pairs
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
-from eigenode_cli.terms import NAMES, canonical
+from eigenode_cli.terms import NAMES, PAPER_TERMS, canonical
 from eigenode_cli.terms.errors import MSE
 from eigenode_cli.training.ending import Ending
 from eigenode_cli.training.least_squares import relative_scales
@@ -90,7 +90,7 @@ class _Memory:
         row = {
             "step": progress.step,
             "lr": lr,
-            **dict(zip(NAMES, evaluation.values.tolist(), strict=True)),
+            **dict(zip(PAPER_TERMS, evaluation.values.tolist(), strict=False)),
             "max_real": evaluation.max_real,
             "status": evaluation.status.label,
             **monitored,

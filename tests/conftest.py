@@ -21,7 +21,7 @@ from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
 from eigenode_cli.systems import Oscillator, System, VanDerPol
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import NAMES, PAPER_TERMS
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background job; some tests press Ctrl-C
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -67,8 +67,8 @@ class Case:
             "states": self.truth.states(times),
             "targets": TruthTarget(self.truth).rows(times),
             "every": 1,
-            "terms": NAMES,
-            "errors": np.zeros(6, dtype=np.int64),
+            "terms": PAPER_TERMS,
+            "errors": np.zeros(len(NAMES), dtype=np.int64),
             "huber_delta": 1.0,
             "margin": 0.0,
             "max_condition": 1e4,

@@ -10,12 +10,14 @@ from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.batch.baselines import baselines, summary
 from eigenode_cli.batch.measured import recorded_units
 from eigenode_cli.batch.stability import stability
+from eigenode_cli.config.names import recorded_names
 from eigenode_cli.config.setup import Setup
 from eigenode_cli.engines.holdout import Holdout
 from eigenode_cli.model import load_flat
 from eigenode_cli.runs.final_outputs import write_eigenvalues, write_equilibrium, write_measured, write_solution
 from eigenode_cli.runs.recorder import Recorder, write_data
 from eigenode_cli.spectra.equilibrium import equilibrium
+from eigenode_cli.terms import NAMES
 
 DENSE = 1000
 """Number of equidistant times of the horizon at which dense_error compares."""
@@ -41,7 +43,8 @@ def build_recorder(setup: Setup, folder: Path, dense_times: Floats, monitored: S
     else:
         write_measured(folder, source)
     truth = None if source.truth is None else source.truth.states(dense_times)[:, 0]
-    return Recorder(folder, setup.names, truth, monitored, recorded_units(setup))
+    left_out = set(NAMES) - set(recorded_names(setup.config))
+    return Recorder(folder, setup.names, truth, monitored, recorded_units(setup), sorted(left_out))
 
 
 def write_outcome(setup: Setup, folder: Path, holdout: Holdout | None, theta: Floats) -> dict[str, Any]:

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 from eigenode_cli.config.build import build_method
+from eigenode_cli.config.names import recorded_names
 from eigenode_cli.config.outline import outline_of
 from eigenode_cli.config.schema import TrainConfig
 from eigenode_cli.config.warm_start import empty_field
 from eigenode_cli.model import flat_parameters
 from eigenode_cli.runs.recorder import LAST, complete_rows, load_last, metrics_header
 from eigenode_cli.runs.runfile import RUN, RecordError
-from eigenode_cli.terms import NAMES
 from eigenode_cli.training.optimizers import build_optimizer
 
 
@@ -42,7 +42,7 @@ def check_saved(config: TrainConfig, folder: Path) -> None:
             f"{RUN}: config.optimizer.name={config.optimizer.name}: needs {', '.join(needed)}, {LAST} holds"
             f" {', '.join(state) or 'nothing'}"
         )
-    header = metrics_header((*NAMES, *sorted(config.terms)), tuple(optimizer.records))
+    header = metrics_header((*recorded_names(config), *sorted(config.terms)), tuple(optimizer.records))
     complete_rows(folder, header, progress.step)
 
 

@@ -13,8 +13,9 @@ from eigenode_cli.batch.plan import Sweep
 from eigenode_cli.batch.state import State, read_state
 from eigenode_cli.console import NOTHING, show_table, spread
 from eigenode_cli.runs.atomic import write_table
+from eigenode_cli.runs.reader import METRIC_COLUMNS
 from eigenode_cli.solve.status import Status
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import PAPER_TERMS
 from eigenode_cli.training.ending import ENDED, FINISHED, UNSUCCESSFUL
 
 RESULTS = ("sol", "dense_error", "max_real", "train_seconds")
@@ -127,9 +128,9 @@ def write_summary(folder: Path, rows: Sequence[Row]) -> Path:
     """Write summary.csv: one row a run, with an empty cell for what is not there."""
     keys = list(dict.fromkeys(key for row in rows for key in row.settings))
     finals = [row.state.record.get("final", {}) for row in rows]
-    known = {"step", "train_seconds", "lr", "max_real", "n_accepted", "n_rejected", "status", "dense_error", *NAMES}
+    known = {*METRIC_COLUMNS} - {"test_error"}
     own = list(dict.fromkeys(key for final in finals for key in final if key not in known))
-    numbers = [*NAMES, *own, "dense_error", "max_real", "train_seconds"]
+    numbers = [*PAPER_TERMS, *own, "dense_error", "max_real", "train_seconds"]
     table = [
         [
             *(row.settings.get(key, "") for key in keys),

@@ -26,7 +26,7 @@ from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.factory import shape_of
 from eigenode_cli.model import load_flat
 from eigenode_cli.runs.recorder import Recorder
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import NAMES, PAPER_TERMS
 from eigenode_cli.training.optimizers import build_optimizer
 from eigenode_cli.training.progress import Progress
 from eigenode_cli.training.stages import Phase
@@ -170,7 +170,7 @@ def step_over_floor(trained: Trained) -> Ratio:
 
 def six_over_one(case: Case, term: str, sensitivity: str) -> Ratio:
     """Return the loss Jacobian of all six terms over that of one, at the same weights and by the same way."""
-    problems = [case.with_terms(terms).problem for terms in (NAMES, (term,))]
+    problems = [case.with_terms(terms).problem for terms in (PAPER_TERMS, (term,))]
     six, one = (CompiledEngine(case.shape, problem, sensitivity=sensitivity) for problem in problems)
     return compare(partial(six.loss_jacobian, case.theta), partial(one.loss_jacobian, case.theta))
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from eigenode_cli.terms import canonical, split_grads
+from eigenode_cli.terms import NAMES, PAPER_TERMS, canonical, split_grads
 
 ACTIVATIONS = ("tanh", "sigmoid", "relu", "softplus", "silu", "elu", "sin", "identity")
 INITS = ("glorot", "uniform01", "kaiming")
@@ -23,6 +23,7 @@ JACOBIANS = ("autodiff", "finite_difference", "symbolic")
 SPECTRA_AT = ("trajectory", "data")
 TARGETS_AT = ("trajectory", "equilibrium")
 EIGENVALUE_COUNTS = ("spectrum", "times")
+STEPPERS = ("euler", "midpoint", "heun3", "tsit5", "dopri5", "rk4")
 SENSITIVITIES = ("auto", "forward", "adjoint")
 
 
@@ -47,6 +48,11 @@ def named_terms(config: Any) -> Iterator[tuple[str, str]]:
     for number, stage in enumerate(config.stages):
         if stage.terms is not None:
             yield f"stages.{number}.terms", stage.terms
+
+
+def recorded_names(config: Any) -> tuple[str, ...]:
+    """Return the names of the shipped terms that have a column in metrics.csv: `stp` only where a step is stated."""
+    return PAPER_TERMS if config.stp.step is None else NAMES
 
 
 def training_terms(config: Any) -> tuple[str, ...]:

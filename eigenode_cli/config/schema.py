@@ -279,6 +279,15 @@ class EigenConfig:
 
 
 @dataclass
+class StepConfig:
+    """The fixed-step solver that the learned field is to run on, which STP keeps to."""
+
+    method: str = option(choices=names.STEPPERS)
+    step: float | None = option(above=0)
+    """Step size in s; null for none."""
+
+
+@dataclass
 class ErrorConfig:
     """Error function of each term: mae | mse | huber."""
 
@@ -288,6 +297,7 @@ class ErrorConfig:
     stb: str = option(choices=names.ERRORS)
     osc: str = option(choices=names.ERRORS)
     stf: str = option(choices=names.ERRORS)
+    stp: str = option(choices=names.ERRORS)
     huber_delta: float = option(above=0)
     """Difference at which huber turns from a square to a line."""
 
@@ -314,6 +324,7 @@ class TrainConfig:
     stages: list[StageConfig] = MISSING
     """The training as a list of stages, one after another."""
     eigen: EigenConfig = MISSING
+    stp: StepConfig = MISSING
     error: ErrorConfig = MISSING
     protocol: str = MISSING
     """Name of the full set of training choices."""

@@ -29,6 +29,7 @@ from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import VectorField, block_slices, flat_parameters, load_flat, with_own_parameters
 from eigenode_cli.model.modes import fitted_matrix, modal_matrix, stated_pairs, with_inputs
+from eigenode_cli.solve.stability import region_of
 from eigenode_cli.terms import NAMES, canonical, split_grads
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.user import UserTerm, load_user_terms
@@ -151,9 +152,10 @@ def build(config: TrainConfig, announce: Callable[[str], None] = print) -> Setup
 def build_problem(config: TrainConfig, source: Source, series: Series, estimate: Estimate, target: Target) -> Problem:
     """Build the problem of one trajectory over the whole horizon: measurements, targets, terms, solver."""
     every, time = config.eigen.every, source.scaling.time
+    region = np.empty(0) if config.stp.step is None else region_of(config.stp.method, config.stp.step / time)
     return Problem(
         data=series,
-        targets=target.rows(series.times).rows(np.arange(0, series.times.size, every)),
+        targets=replace(target.rows(series.times).rows(np.arange(0, series.times.size, every)), region=region),
         resting=target.resting(series.times)[1] if config.target.at == "equilibrium" else None,
         terms=canonical(split_grads(config.grads)),
         every=every,

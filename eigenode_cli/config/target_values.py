@@ -21,6 +21,9 @@ def target_faults(config: DictConfig, found: Outline | None) -> Iterator[str]:
     for number, stage in enumerate(config.stages):
         if target.at == "equilibrium" and stage.spectra == "data" and not elsewhere:
             yield f"stages.{number}.spectra=data: no effect, as target.at=equilibrium takes these terms there"
+    origin = {word: f"{key}={text}" for key, text in reversed(list(named_terms(config))) for word in split_grads(text)}
+    if "stp" in origin and config.stp.step is None:
+        yield f"{origin['stp']}: stp has no solver to keep to; state stp.step=... in s, and stp.method"
     if target.name != "stated":
         if is_table(config.system):
             yield f"target={target.name}: measured data have no truth; write target=stated"
@@ -35,7 +38,6 @@ def target_faults(config: DictConfig, found: Outline | None) -> Iterator[str]:
         )
     if count > pairs:
         yield f"target.frequency={show(target.frequency)}: {config.system.name} has room for {pairs} pair(s)"
-    origin = {word: f"{key}={text}" for key, text in reversed(list(named_terms(config))) for word in split_grads(text)}
     for word in training_terms(config):
         key = origin[word]
         target_part = TERMS[word].target if word in TERMS else None

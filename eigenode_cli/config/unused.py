@@ -43,6 +43,10 @@ def _reason(config: DictConfig, key: str) -> str | None:
             "the learning rate is constant; schedule.extra=... lets it decay",
         ),
         (
+            key == "stp.method" and config.stp.step is None,
+            "no step is stated; write stp.step=... in s",
+        ),
+        (
             key == "optimizer.evidence_ridge" and not config.optimizer.evidence,
             "the ridge does not follow the evidence; write optimizer.evidence=true",
         ),

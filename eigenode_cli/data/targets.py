@@ -30,6 +30,7 @@ class Targets:
         stiffness: corridor of the stiffness ratio `(T, 2)`; infinite where the target's ratio is.
         frequency_tolerance, damping_tolerance: half-widths of ranges around the two `(T, K)`, by default zero: values
             to be met.
+        region: what `stp` compares with, see `solve.stability.region_of`; empty for nothing.
     """
 
     frequency: Floats
@@ -38,6 +39,7 @@ class Targets:
     stiffness: Floats
     frequency_tolerance: Floats = field(default_factory=lambda: np.empty(0))
     damping_tolerance: Floats = field(default_factory=lambda: np.empty(0))
+    region: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         """Make values of what has no range."""
@@ -46,7 +48,7 @@ class Targets:
                 object.__setattr__(self, name, np.zeros_like(self.frequency))
 
     @property
-    def arrays(self) -> tuple[Floats, Floats, Integers, Floats, Floats, Floats]:
+    def arrays(self) -> tuple[Floats, Floats, Integers, Floats, Floats, Floats, Floats]:
         """All of them, in this order."""
         return (
             self.frequency,
@@ -55,6 +57,7 @@ class Targets:
             self.stiffness,
             self.frequency_tolerance,
             self.damping_tolerance,
+            self.region,
         )
 
     def rows(self, index: Integers) -> "Targets":
@@ -66,6 +69,7 @@ class Targets:
             stiffness=self.stiffness[index],
             frequency_tolerance=self.frequency_tolerance[index],
             damping_tolerance=self.damping_tolerance[index],
+            region=self.region,
         )
 
 

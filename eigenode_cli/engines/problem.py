@@ -10,7 +10,7 @@ from eigenode_cli.arrays import Floats, Integers
 from eigenode_cli.data.dataset import Series
 from eigenode_cli.data.targets import Targets
 from eigenode_cli.solve.settings import AdaptiveSolver, Solver
-from eigenode_cli.terms import NAMES, SPECTRAL
+from eigenode_cli.terms import NAMES, PAPER_TERMS, SPECTRAL
 
 REACH = 10.0
 """A failed solve stabilises with the states that it reached within this multiple of the data's range. Farther out the
@@ -43,12 +43,12 @@ class Problem:
         others: further trajectories, each with the same settings, and none with others of its own.
 
     Raises:
-        ValueError: spectra are to be taken at `states` that are not known.
+        ValueError: spectra are to be taken at `states` that are not known, or there is no error function for each term.
     """
 
     data: Series
     targets: Targets
-    terms: tuple[str, ...] = NAMES
+    terms: tuple[str, ...] = PAPER_TERMS
     every: int = 1
     states: Floats | None = None
     errors: Integers = field(default_factory=lambda: np.zeros(len(NAMES), dtype=np.int64))
@@ -64,6 +64,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Take measured states where all are; check that there are any where they are needed."""
+        if self.errors.shape != (len(NAMES),):
+            raise ValueError(f"errors has shape {self.errors.shape}; give one code for each of {', '.join(NAMES)}")
         if self.states is None and np.isfinite(self.data.seen).all():
             object.__setattr__(self, "states", self.data.seen)
         known = self.states is not None and np.isfinite(self.states).all()

@@ -20,7 +20,7 @@ from eigenode_cli.data.dataset import Series
 from eigenode_cli.runs.runfile import Record, RecordError, read_record
 from eigenode_cli.solve.status import Status
 from eigenode_cli.systems.base import State
-from eigenode_cli.terms import NAMES, canonical, split_grads
+from eigenode_cli.terms import NAMES, PAPER_TERMS, canonical, split_grads
 from eigenode_cli.training.ending import STATUSES
 
 Bools = NDArray[np.bool_]
@@ -32,7 +32,7 @@ METRIC_COLUMNS = (
     "step",
     "train_seconds",
     "lr",
-    *NAMES,
+    *PAPER_TERMS,
     "max_real",
     "n_accepted",
     "n_rejected",
@@ -40,7 +40,7 @@ METRIC_COLUMNS = (
     "dense_error",
     "test_error",
 )
-"""Columns of metrics.csv in their order; the user's own terms follow."""
+"""Columns of metrics.csv in their order; `stp` follows where a step is stated, and the user's own terms."""
 
 
 @dataclass(frozen=True)
@@ -292,10 +292,10 @@ class _Table:
 
 def _read_metrics(folder: Path, status: str) -> Metrics:
     table = _Table(folder, "metrics.csv", status, growing=True)
-    own = [column for column in table.header if column not in (*METRIC_COLUMNS, *MONITORED)]
+    beyond = [column for column in table.header if column not in (*METRIC_COLUMNS, *MONITORED)]
     return Metrics(
         step=table.full("step"),
-        terms={name: table.numbers(name) for name in (*NAMES, *own)},
+        terms={name: table.numbers(name) for name in (*PAPER_TERMS, *beyond)},
         max_real=table.numbers("max_real"),
         dense_error=table.numbers("dense_error"),
         test_error=table.numbers("test_error") if "test_error" in table.header else np.full(len(table), np.nan),

@@ -18,7 +18,7 @@ from eigenode_cli.engines.base import Evaluation
 from eigenode_cli.runs.atomic import cell, make_folder, write_bytes, write_json, write_table, write_text, writing
 from eigenode_cli.runs.reader import METRIC_COLUMNS
 from eigenode_cli.runs.runfile import RecordError
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import PAPER_TERMS
 from eigenode_cli.training.progress import Progress, Snapshot
 
 OPTIMIZER = "optimizer."
@@ -37,6 +37,7 @@ class Recorder:
         names: all terms in the order of `Evaluation.values`.
         truth: the truth's first state at the dense times `(D,)`, None where there is no truth.
         monitored: columns that the optimizer adds.
+        left_out: names that have no column.
         units: of the terms, by name, and of `max_real`, in which they are recorded; 1 where none is named.
     """
 
@@ -47,11 +48,13 @@ class Recorder:
         truth: Floats | None,
         monitored: Sequence[str] = (),
         units: Mapping[str, float] | None = None,
+        left_out: Sequence[str] = (),
     ) -> None:
         self._monitored = tuple(monitored)
         self._units = dict(units or {})
         self.folder = folder
         self.names = tuple(names)
+        self._columns = tuple(name for name in names if name not in left_out)
         self._truth = truth
         self._checkpoints = folder / "checkpoints"
         make_folder(self._checkpoints)
@@ -63,7 +66,7 @@ class Recorder:
 
     def open(self, resume_from: int | None) -> None:
         """Start metrics.csv, or cut it behind the step that the training is resumed from and go on there."""
-        header = metrics_header(self.names, self._monitored)
+        header = metrics_header(self._columns, self._monitored)
         lines = [header, *([] if resume_from is None else complete_rows(self.folder, header, resume_from))]
         write_text(self._metrics, "\n".join(lines) + "\n")
         with writing(self._metrics):
@@ -89,7 +92,7 @@ class Recorder:
             "step": progress.step,
             "train_seconds": round(progress.train_seconds, 6),
             "lr": lr,
-            **{name: losses[name] for name in NAMES},
+            **{name: losses[name] for name in PAPER_TERMS},
             "max_real": evaluation.max_real * self._units.get("max_real", 1.0),
             "n_accepted": evaluation.n_accepted,
             "n_rejected": evaluation.n_rejected,
@@ -97,7 +100,7 @@ class Recorder:
             "dense_error": float("nan") if truth is None else float(np.mean(np.abs(model - truth))),
             "test_error": (monitored or {}).get("test_error", float("nan")),
             **{name: (monitored or {})[name] for name in self._monitored},
-            **{name: losses[name] for name in self.names if name not in NAMES},
+            **{name: losses[name] for name in self._columns if name not in PAPER_TERMS},
         }
 
     def record(self, row: Mapping[str, Any]) -> None:
@@ -133,8 +136,8 @@ class Recorder:
 
 
 def metrics_header(names: Sequence[str], monitored: Sequence[str] = ()) -> str:
-    """Return the first line of metrics.csv; `names` are all terms, `monitored` columns that the optimizer adds."""
-    return ",".join([*METRIC_COLUMNS, *monitored, *(name for name in names if name not in NAMES)])
+    """Return the first line of metrics.csv; `names` are the terms that have a column, `monitored` the optimizer's."""
+    return ",".join([*METRIC_COLUMNS, *monitored, *(name for name in names if name not in PAPER_TERMS)])
 
 
 def complete_rows(folder: Path, header: str, before: int) -> list[str]:

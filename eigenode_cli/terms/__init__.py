@@ -15,7 +15,8 @@ class Term:
         name: as in `grads=`, and of the kernel.
         title, description: for people.
         needs: what it compares: the `trajectory`, or the `spectra` along it.
-        target: what it needs to compare with: `data`, the `pairs` or the stiffness `ratio` of the target, or None.
+        target: what it needs to compare with: `data`, the `pairs` or the stiffness `ratio` of the target,
+            a solver's `step`, or None.
         unit: what its residuals are measured by: the size of the `data`, of the target's `frequency` in Hz or
             `angular` frequency, of its `ratio`, or None for a number without unit.
         per_eigenvalue: whether it is a mean over the eigenvalues of a spectrum.
@@ -76,14 +77,22 @@ TERMS: dict[str, Term] = {
             unit="ratio",
             per_eigenvalue=False,
         ),
+        Term(
+            name="stp",
+            title="solver step",
+            description="growth |R(h lambda)| above 1 of a fixed-step method with a stated step",
+            target="step",
+        ),
     )
 }
 """The terms in their canonical order."""
 
 NAMES: tuple[str, ...] = tuple(TERMS)
+PAPER_TERMS: tuple[str, ...] = NAMES[:6]
+"""The terms of the paper, which are always recorded; `stp` where a step is stated."""
 SPECTRAL: tuple[str, ...] = tuple(name for name, term in TERMS.items() if term.needs == "spectra")
 """Terms that need no solution, only states to take a spectrum at."""
-AT_TARGET: tuple[str, ...] = tuple(name for name in SPECTRAL if TERMS[name].target is not None)
+AT_TARGET: tuple[str, ...] = tuple(name for name in SPECTRAL if TERMS[name].target in ("pairs", "ratio"))
 """Terms that compare the spectrum with a target, and are taken where the target holds."""
 
 

@@ -23,6 +23,7 @@ class Comparison(NamedTuple):
         pairs: number of pairs of the target.
         stiffness: smallest and largest accepted stiffness ratio `(2,)`; equal for a value to be met.
         margin: stability margin in 1/s.
+        region: step in s and coefficients of the stability function of a solver, shorter than 2 for none.
     """
 
     spectrum: Complexes
@@ -37,3 +38,4 @@ class Comparison(NamedTuple):
     pairs: int
     stiffness: Floats
     margin: float
+    region: Floats

@@ -9,8 +9,9 @@ from eigenode_cli.terms.frq import frq
 from eigenode_cli.terms.osc import osc
 from eigenode_cli.terms.stb import stb
 from eigenode_cli.terms.stf import stf
+from eigenode_cli.terms.stp import stp
 
-SOL, FRQ, DMP, STB, OSC, STF = (NAMES.index(name) for name in ("sol", "frq", "dmp", "stb", "osc", "stf"))
+SOL, FRQ, DMP, STB, OSC, STF, STP = range(len(NAMES))
 """Codes of the terms: their places in the registry."""
 COUNT = len(NAMES)
 
@@ -23,11 +24,12 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
     spectrum has the value and slopes zero; `compared` tells.
 
     Args:
-        codes: terms to evaluate `(L,)`, each one of FRQ, DMP, STB, OSC, STF; others are left at zero.
+        codes: terms to evaluate `(L,)`, each one of FRQ, DMP, STB, OSC, STF, STP; others are left at zero.
         spectra: eigenvalues `(T, n)` in 1/s.
         levels: up to where a part of an eigenvalue counts as zero (`pairs.rounding_level`), in 1/s `(T,)`.
         targets: as in `data.targets.Targets`, in its order: frequencies and damping ratios `(T, K)` in Hz and 1,
-            number of pairs `(T,)`, corridor of the stiffness ratio `(T, 2)`, half-widths of the ranges `(T, K)`.
+            number of pairs `(T,)`, corridor of the stiffness ratio `(T, 2)`, half-widths of the ranges `(T, K)`, and
+            the region.
         margin: stability margin in 1/s.
         errors: error function of each term of the registry `(len(NAMES),)`; `delta` is Huber's threshold.
         values: filled with the terms `(L,)`.
@@ -62,6 +64,8 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
                 value, defined = osc(comparison, error, delta, slope)
             elif code == STF:
                 value, defined = stf(comparison, error, delta, slope)
+            elif code == STP:
+                value, defined = stp(comparison, error, delta, slope)
             values[k] += value
             compared[k] += int(defined)
     if counted > 0:
@@ -73,10 +77,10 @@ def spectral_terms(codes, spectra, levels, targets, margin, errors, delta, value
 @njit
 def _comparison(targets, t, spectrum, level, partner, match, matched, margin):
     """Return the spectrum number t beside its target."""
-    frequency, damping, pairs, stiffness, wide, broad = targets
+    frequency, damping, pairs, stiffness, wide, broad, region = targets
     own = frequency[t], damping[t], wide[t], broad[t]
     return Comparison(
-        spectrum, level, partner, match, matched, own[0], own[1], own[2], own[3], pairs[t], stiffness[t], margin
+        spectrum, level, partner, match, matched, own[0], own[1], own[2], own[3], pairs[t], stiffness[t], margin, region
     )
 
 

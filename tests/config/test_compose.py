@@ -50,7 +50,7 @@ def test_the_paper() -> None:
         "beta2": 0.999,
         "eps": 1e-8,
     }
-    assert dict(config.scale) == {"sol": 1, "frq": 10, "dmp": 1, "stb": 1000, "osc": 10, "stf": 0.1}
+    assert dict(config.scale) == {"sol": 1, "frq": 10, "dmp": 1, "stb": 1000, "osc": 10, "stf": 0.1, "stp": 1}
     assert (config.solver.name, config.solver.rtol, config.solver.atol) == ("tsit5", 1e-3, 1e-6)
     assert (config.system.mu, config.system.horizon, config.system.points) == (2, 30, 91)
     assert (config.network.hidden, config.network.init, config.trainer.steps) == ([32], "glorot", 5000)

@@ -16,6 +16,7 @@ from eigenode_cli.engines.problem import Problem
 from eigenode_cli.model import Mlp, VectorField, flat_parameters
 from eigenode_cli.solve.drive import Drive, steps_to_knots
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
+from eigenode_cli.terms import NAMES
 
 ADAPTIVE, FIXED = AdaptiveSolver(rtol=1e-5, atol=1e-6), FixedStepSolver("rk4", 0.13)
 CASES = {
@@ -53,7 +54,7 @@ def problem_of(case: tuple[Any, ...], hidden: tuple[int, ...] = (5,)) -> tuple[V
         series,
         StatedTarget((0.5,), (0.1,)).rows(times),
         states=np.nan_to_num(values),
-        errors=np.ones(6, dtype=np.int64),
+        errors=np.ones(len(NAMES), dtype=np.int64),
         solver=solver,
     )
     return field, problem, np.concatenate([flat_parameters(field), 0.3 * rng.standard_normal(series.trained)])

@@ -9,7 +9,7 @@ from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.factory import shape_of
 from eigenode_cli.engines.torch_engine import TorchEngine
 from eigenode_cli.model import flat_parameters
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import NAMES, PAPER_TERMS
 from tests.conftest import make_case
 
 REAL = targets_of_spectra(np.tile(np.array([-1.0, -2.0], dtype=np.complex128), (101, 1)))
@@ -26,12 +26,15 @@ def engine_of(name: str, targets: Targets) -> tuple[Engine, np.ndarray]:
 @pytest.mark.parametrize("targets", [REAL, StatedTarget().rows(np.zeros(101))], ids=["real targets", "no targets"])
 def test_zero_trains_and_nothing_is_recorded(name: str, targets: Targets) -> None:
     engine, theta = engine_of(name, targets)
-    idle = np.isin(NAMES, ["frq", "dmp", "osc"]) | ((np.array(NAMES) == "stf") & np.isinf(targets.stiffness).all())
+    names = np.array(PAPER_TERMS)
+    idle = np.isin(names, ["frq", "dmp", "osc"]) | ((names == "stf") & np.isinf(targets.stiffness).all())
     trained = engine.loss_jacobian(theta)
     assert not trained.values[idle].any()
     assert not trained.gradients[idle].any()
     assert np.isfinite(trained.values).all()
-    recorded = engine.evaluate(theta, np.linspace(0.0, 10.0, 5)).values
+    *recorded, no_step = engine.evaluate(theta, np.linspace(0.0, 10.0, 5)).values
+    recorded = np.array(recorded)
+    assert np.isnan(no_step)
     assert np.isnan(recorded[idle]).all()
     np.testing.assert_allclose(recorded[~idle], trained.values[~idle], rtol=1e-12)
 

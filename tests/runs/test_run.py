@@ -16,7 +16,7 @@ from eigenode_cli.config.compose import compose, typed
 from eigenode_cli.console import QuietDisplay
 from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.model.init import INITS
-from eigenode_cli.terms import NAMES
+from eigenode_cli.terms import PAPER_TERMS
 from tests.batch.helpers import eigenode, start
 
 COLUMNS = "step,train_seconds,lr,sol,frq,dmp,stb,osc,stf,max_real,n_accepted,n_rejected,status,dense_error,test_error"
@@ -94,7 +94,7 @@ def test_record_of_the_run(short: Path) -> None:
     for key in ("train_seconds", "compile_seconds", "wall_seconds", "engine", "versions", "git_commit", "final"):
         assert key in written
     assert written["final"]["sol"] == float(metrics(short)[-1]["sol"])  # type: ignore[index]
-    losses = [float(metrics(short)[0][name] or "nan") for name in NAMES]
+    losses = [float(metrics(short)[0][name] or "nan") for name in PAPER_TERMS]
     assert np.isfinite(losses).all()  # all six are recorded whatever grads is
 
 

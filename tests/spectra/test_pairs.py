@@ -10,6 +10,7 @@ from eigenode_cli.data.simulate import Truth
 from eigenode_cli.data.targets import StatedTarget, Targets, TruthTarget, targets_of_spectra
 from eigenode_cli.spectra.pairs import ROUNDING, assign_rows, find_partners, rounding_levels, without_rounding
 from eigenode_cli.systems import Oscillator
+from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.torch_terms import spectral_values
 
 MERGED = [(9.0, 6.0), (25.0, 10.0), (2.0, 2.8284271247461903)]
@@ -19,7 +20,7 @@ MERGED = [(9.0, 6.0), (25.0, 10.0), (2.0, 2.8284271247461903)]
 def terms_of(matrices: NDArray, targets: Targets, *names: str) -> tuple[NDArray, NDArray]:
     """Recorded values `(L,)` of the terms of `matrices (T, n, n)` and their slopes in the spectra `(L, T, n)`."""
     spectra = torch.from_numpy(np.linalg.eigvals(matrices).astype(np.complex128)).requires_grad_()
-    levels, errors = rounding_levels(matrices), np.zeros(6, dtype=np.int64)
+    levels, errors = rounding_levels(matrices), np.zeros(len(NAMES), dtype=np.int64)
     trained = spectral_values(spectra, names, targets, 0.0, errors, 1.0, levels)
     slopes = [torch.autograd.grad(value, spectra, retain_graph=True)[0].numpy() for value in trained]
     recorded = spectral_values(spectra.detach(), names, targets, 0.0, errors, 1.0, levels, recorded=True)

@@ -15,13 +15,16 @@ from torch import Tensor
 from eigenode_cli.data.targets import StatedTarget, Targets, targets_of_spectra
 from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.model import flat_parameters
-from eigenode_cli.terms import NAMES
+from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver
+from eigenode_cli.solve.stability import METHODS, region_of, stability_polynomial
+from eigenode_cli.solve.trajectory import solve
+from eigenode_cli.terms import NAMES, PAPER_TERMS
 from eigenode_cli.terms.errors import ERRORS
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
 from tests.conftest import make_case
 from tests.measured import series
 
-DELTA = 0.3
+DELTA, STEP = 0.3, 0.4
 ERROR_FUNCTIONS: dict[str, Callable[[Tensor], Tensor]] = {
     "mae": torch.abs,
     "mse": lambda r: r**2,
@@ -30,7 +33,11 @@ ERROR_FUNCTIONS: dict[str, Callable[[Tensor], Tensor]] = {
 
 
 def errors(kind: str) -> np.ndarray:
-    return np.full(6, ERRORS[kind], dtype=np.int64)
+    return np.full(len(NAMES), ERRORS[kind], dtype=np.int64)
+
+
+def with_step(targets: Targets) -> Targets:
+    return replace(targets, region=region_of("rk4", STEP))
 
 
 def value_of(term: str, spectra: Tensor, targets: Targets, kind: str = "mae", margin: float = 0.0) -> Tensor:
@@ -64,6 +71,10 @@ def transcription(term: str, lam: Tensor, goal: Tensor, kind: str) -> Tensor:
     zero = torch.zeros((), dtype=torch.float64)
     if term == "stb":
         return sum((eps(torch.clamp(z.real, min=0.0)) for z in lam), zero) / size
+    if term == "stp":
+        z = STEP * lam
+        growth = 1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0
+        return sum((eps(torch.clamp(size_of - 1.0, min=0.0)) for size_of in growth.abs()), zero) / size
     if term == "stf":
         real, wanted = lam.real.abs(), goal.real.abs()
         return eps(real.max() / real.min() - wanted.max() / wanted.min())
@@ -96,7 +107,7 @@ def matched(model: list[Tensor], goal: list[Tensor]) -> list[tuple[Tensor, Tenso
 @pytest.mark.parametrize("model", MODELS, ids=lambda m: " ".join(f"{z:.1f}" for z in m[0].tolist()))
 def test_value_and_slope_are_those_of_the_equation(term: str, model: Tensor, kind: str) -> None:
     for goal in TARGETS[model.shape[1]]:
-        targets = targets_of_spectra(goal.numpy())
+        targets = with_step(targets_of_spectra(goal.numpy()))
         if term in ("frq", "dmp") and targets.pairs[0] == 0 and bool((model.imag != 0).any()):
             assert float(value_of(term, model, targets, kind)) == 0.0  # acts only where both sides have a pair
             continue
@@ -138,7 +149,7 @@ def conjugate_directions(lam: Tensor) -> list[Tensor]:
 def test_forward_and_reverse_mode_agree(term: str) -> None:
     goal = torch.cat([TARGETS[2][0], TARGETS[2][0], TARGETS[2][0]])
     model = torch.cat([PAIR, UNSTABLE_PAIR, REAL])
-    targets = targets_of_spectra(goal.numpy())
+    targets = with_step(targets_of_spectra(goal.numpy()))
     direction = torch.randn(3, 2, dtype=torch.complex128, generator=torch.Generator().manual_seed(3))
     value = lambda lam: value_of(term, lam, targets)  # noqa: E731
     with torch.autograd.forward_ad.dual_level():
@@ -152,7 +163,7 @@ def test_forward_and_reverse_mode_agree(term: str) -> None:
 @pytest.mark.parametrize("term", NAMES[1:])
 @pytest.mark.parametrize("model", [TWO_PAIRS, PAIR_AND_REAL, FOUR_REAL])
 def test_permutation_of_the_spectrum_changes_nothing(term: str, model: Tensor) -> None:
-    targets = targets_of_spectra(TARGETS[4][0].numpy())
+    targets = with_step(targets_of_spectra(TARGETS[4][0].numpy()))
     value = float(value_of(term, model, targets))
     for shift in range(1, 4):
         assert float(value_of(term, model.roll(shift, dims=1), targets)) == pytest.approx(value, rel=1e-15)
@@ -215,7 +226,9 @@ def test_where_nothing_can_be_compared_nothing_is_recorded_and_zero_trains(
 
 def test_what_was_compared_and_fits_is_recorded_as_zero() -> None:
     targets = targets_of_spectra(PAIR.numpy())
-    assert [recorded(term, PAIR, targets) for term in NAMES[1:]] == [0.0] * 5
+    assert [recorded(term, PAIR, targets) for term in PAPER_TERMS[1:]] == [0.0] * 5
+    assert math.isnan(recorded("stp", PAIR, targets))
+    assert recorded("stp", PAIR, with_step(targets)) == 0.0
 
 
 def test_infinite_stiffness_contributes_nothing() -> None:
@@ -284,3 +297,32 @@ def test_a_stated_range_is_its_middle_and_half_its_width() -> None:
     np.testing.assert_allclose(rows.frequency_tolerance[1], [0.0, 0.1])
     np.testing.assert_allclose(rows.damping[0], [0.05, 0.02])
     np.testing.assert_allclose(rows.damping_tolerance[0], [0.05, 0.0])
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_stability_function_is_what_a_step_does(name: str) -> None:
+    """One step of the method on `x' = lambda x` multiplies by R; it is the exponential to the method's order."""
+    coefficients = stability_polynomial(name)
+    order = {"euler": 1, "midpoint": 2, "heun3": 3, "rk4": 4}.get(name, 5)
+    expected = [1.0 / math.factorial(k) for k in range(order + 1)]
+    np.testing.assert_allclose(coefficients[: order + 1], expected, rtol=1e-12)
+    rate, step = -1.7, 0.9
+    config = FixedStepSolver(name, step) if order < 5 else AdaptiveSolver(name, rtol=1.0, atol=1.0)
+    times, start = torch.tensor([0.0, step], dtype=torch.float64), torch.ones(1, dtype=torch.float64)
+    found = solve(lambda x: rate * x, start, times, config, [step]).states[-1, 0]
+    assert float(found) == pytest.approx(np.polynomial.Polynomial(coefficients)(rate * step), rel=1e-12)
+
+
+def test_known_bounds_of_stability() -> None:
+    """The real and imaginary axes that explicit Euler and RK4 allow."""
+    for name, last in (("euler", -2.0), ("rk4", -2.785293563405282)):
+        for share, zero in ((0.999, True), (1.001, False)):
+            targets = replace(targets_of_spectra(PAIR.numpy()), region=region_of(name, 1.0))
+            assert (float(value_of("stp", spectrum(share * last, -0.5), targets)) == 0.0) is zero
+    targets = replace(targets_of_spectra(PAIR.numpy()), region=region_of("rk4", 1.0))
+    limit = 2.0 * math.sqrt(2.0)
+    assert float(value_of("stp", spectrum(0.999j * limit, -0.999j * limit), targets)) == 0.0
+    assert float(value_of("stp", spectrum(1.001j * limit, -1.001j * limit), targets)) > 0.0
+    assert float(value_of("stp", spectrum(-2.5, 0.1), replace(targets, region=region_of("euler", 1.0)))) == (
+        pytest.approx(0.5 * (0.5 + 0.1))
+    )

@@ -257,6 +257,8 @@ def _build_setup(owner: Owner, problem: Problem, parameters: int) -> Setup:
         stiffness=twice(targets.stiffness, np.float64),
         frequency_tolerance=twice(targets.frequency_tolerance, np.float64),
         damping_tolerance=twice(targets.damping_tolerance, np.float64),
+        region=owner.copy(targets.region, np.float64),
+        region_size=targets.region.size,
         margin=float(problem.margin),
         errors=owner.copy(problem.errors, np.int64),
         delta=float(problem.huber_delta),

@@ -31,6 +31,7 @@ class Setup(NamedTuple):
         limit: moduli of the states up to which it takes them at the states that it reached `(n,)`.
         frequency, damping, pairs, stiffness, frequency_tolerance, damping_tolerance: targets, one row for each of the
             T spectra and then again `(2 T, ...)`.
+        region, region_size: of the term `stp`.
         margin, errors, delta: of the terms.
         stabilise: whether a failed solve gives spectral terms.
         solved: whether there is a solve at all.
@@ -61,6 +62,8 @@ class Setup(NamedTuple):
     stiffness: int
     frequency_tolerance: int
     damping_tolerance: int
+    region: int
+    region_size: int
     margin: float
     errors: int
     delta: float

@@ -175,6 +175,7 @@ def _evaluate_terms(core, codes, values, states):
             carray(doubles(setup.stiffness, 0), (count, 2)),
             carray(doubles(setup.frequency_tolerance, 0), (count, setup.pair_count)),
             carray(doubles(setup.damping_tolerance, 0), (count, setup.pair_count)),
+            carray(doubles(setup.region, 0), (setup.region_size,)),
         ),
         setup.margin,
         errors,

@@ -85,6 +85,7 @@ def _square(core, codes, term, t):
             carray(doubles(setup.stiffness, 2 * t), (1, 2)),
             carray(doubles(setup.frequency_tolerance, t * k), (1, k)),
             carray(doubles(setup.damping_tolerance, t * k), (1, k)),
+            carray(doubles(setup.region, 0), (setup.region_size,)),
         ),
         setup.margin,
         carray(integers(work.squares, 0), (COUNT,)),

@@ -12,6 +12,7 @@ from eigenode_cli.data.targets import targets_of_spectra
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.problem import Problem
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
+from eigenode_cli.solve.stability import region_of
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.torch_terms import solution_term, spectral_values
@@ -59,10 +60,10 @@ def make_problem(
     problem = Problem(
         data=series(times, states, mask),
         states=states,
-        targets=replace(targets, pairs=np.full_like(targets.pairs, max(1, n // 2))),
+        targets=replace(targets, pairs=np.full_like(targets.pairs, max(1, n // 2)), region=region_of("rk4", 0.7)),
         every=every,
         terms=NAMES,
-        errors=np.array([1, 1, 1, 1, 1, 1]),
+        errors=np.ones(len(NAMES), dtype=np.int64),
         huber_delta=0.3,
         margin=5.0,
         max_condition=1e8,
@@ -120,7 +121,7 @@ def rollout(shape: MlpShape, theta: Tensor, tableau: Tableau, steps: Floats, sta
 
 
 def terms(problem: Problem, trajectory: Tensor, spectra: Tensor) -> Tensor:
-    """All six terms of a trajectory `(N, n)` with spectra `(T, n)`."""
+    """All terms of a trajectory `(N, n)` with spectra `(T, n)`."""
     sol = solution_term(trajectory, problem.data, int(problem.errors[0]), problem.huber_delta)
     spectral = spectral_values(spectra, NAMES[1:], problem.targets, problem.margin, problem.errors, problem.huber_delta)
     return torch.cat([sol[None], spectral])
@@ -129,7 +130,7 @@ def terms(problem: Problem, trajectory: Tensor, spectra: Tensor) -> Tensor:
 def loss_jacobian(
     shape: MlpShape, problem: Problem, theta: Floats, tableau: Tableau, steps: Floats
 ) -> tuple[Floats, Floats]:
-    """Values `(6,)` and gradients `(6, P)` of all six terms by autograd through everything."""
+    """Values `(L,)` and gradients `(L, P)` of all terms by autograd through everything."""
     leaf = torch.from_numpy(theta.copy()).requires_grad_()
     trajectory = rollout(shape, leaf, tableau, steps, problem.data.initial_state, problem.data.times)
     spectra = torch.linalg.eigvals(jacobians(shape, leaf, trajectory[problem.spectral_index]))

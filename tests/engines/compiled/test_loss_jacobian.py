@@ -117,7 +117,7 @@ def test_spectra_at_every_kth_time(every):
     assert oracle.relative(found.gradients, gradients) < 1e-9
 
 
-@pytest.mark.parametrize("errors", [[0] * 6, [2] * 6], ids=["mae", "huber"])
+@pytest.mark.parametrize("errors", [[0] * 7, [2] * 7], ids=["mae", "huber"])
 def test_other_error_functions(errors):
     shape = oracle.make_shape(4)
     problem, theta = oracle.make_problem(4, errors=np.array(errors)), oracle.make_theta(shape)
