@@ -133,6 +133,9 @@ CAPTIONS: dict[str, Callable[[Run], str]] = {
     ),
     "eigenvalues": lambda _: "Eigenvalues along the model's trajectory, coloured by time, and their targets.",
     "phase": lambda _: "Phase portrait of the first two states.",
+    "region": lambda _: (
+        "Eigenvalues times the step of the solver that stp names, in the region (grey) in which a step damps them."
+    ),
 }
 """Caption of each figure, with the numbers that belong to it."""
 

@@ -306,3 +306,19 @@ def test_each_combination_trains(name: str, tmp_path: Path) -> None:
 def test_each_initialisation_trains(name: str, tmp_path: Path) -> None:
     words = ("system=oscillator", "grads=sol+stb", "trainer.steps=50", f"network.init={name}")
     check_finished(train(tmp_path, *words), "sol+stb")
+
+
+def test_a_stated_step_is_recorded_and_drawn(tmp_path: Path) -> None:
+    run = train(
+        tmp_path, "system=oscillator", "system.d=50", "grads=stp+sol", "stp.step=0.1", "trainer.steps=3", "seed=1"
+    )
+    rows = metrics(run)
+    assert list(rows[0]) == [*COLUMNS.split(","), "stp"]
+    assert all(float(row["stp"]) >= 0.0 for row in rows)
+    assert (run / "plots" / "region.png").is_file()
+    assert record(run)["grads"] == "sol+stp"
+    status, _, err = eigenode(tmp_path, "train", "grads=sol+stp", "stp.method=euler")
+    assert status == 2
+    assert "grads=sol+stp: stp has no solver to keep to; state stp.step=... in s, and stp.method" in err
+    status, _, err = eigenode(tmp_path, "train", "stp.method=euler")
+    assert (status, err) == (2, "eigenode: error: stp.method: no effect, no step is stated; write stp.step=... in s\n")

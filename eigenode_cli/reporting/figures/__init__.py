@@ -12,6 +12,7 @@ from eigenode_cli.interruption import check
 from eigenode_cli.reporting.figures.convergence import convergence_numbers, draw_convergence
 from eigenode_cli.reporting.figures.eigenvalues import draw_eigenvalues, eigenvalue_numbers
 from eigenode_cli.reporting.figures.phase import draw_phase, phase_numbers
+from eigenode_cli.reporting.figures.region import draw_region, region_numbers
 from eigenode_cli.reporting.figures.solution import draw_solution, solution_numbers
 from eigenode_cli.reporting.figures.stability import draw_stability, stability_numbers
 from eigenode_cli.reporting.figures.style import house_style, save, to_svg
@@ -28,13 +29,17 @@ FIGURES: dict[str, tuple[Callable[[Run], Any], Callable[[Any], "Figure"]]] = {
     "solution": (solution_numbers, draw_solution),
     "eigenvalues": (eigenvalue_numbers, draw_eigenvalues),
     "phase": (phase_numbers, draw_phase),
+    "region": (region_numbers, draw_region),
 }
 """Name of each figure, what it shows and how it is drawn."""
 
 
 def figures_of(run: Run) -> list[str]:
-    """Names of the figures that a run has; a phase portrait takes two states."""
-    return [name for name in FIGURES if name != "phase" or len(run.states) > 1]
+    """Names of the figures that a run has; a phase portrait takes two states, a stability region a stated step."""
+    left_out = {"phase"} if len(run.states) < 2 else set()
+    if (run.config.get("stp") or {}).get("step") is None:  # also of a run from before there was one
+        left_out.add("region")
+    return [name for name in FIGURES if name not in left_out]
 
 
 class Drawn(NamedTuple):
