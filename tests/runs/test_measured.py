@@ -259,6 +259,15 @@ def test_the_shipped_record_trains(tmp_path: Path) -> None:
     assert json.loads((run / "run.json").read_text())["final"]["test_error"] < 0.3
 
 
+def test_the_shipped_driven_pendulum_beats_its_linear_model(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    done = command(tmp_path, "train", "measured=driven_simulated", "trainer.figures=false", f"hydra.run.dir={run}")
+    assert done.returncode == 0, done.stderr
+    record = json.loads((run / "run.json").read_text())
+    assert record["final"]["test_error"] < 0.08
+    assert record["baselines"]["linear"] > 0.3
+
+
 def test_a_model_is_simulated_from_another_state(plain: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
     _, run = plain
     done = command(
