@@ -340,7 +340,16 @@ class TrainConfig:
     """Runs side by side that differ in the seed alone: `seed` and those that follow it."""
 
 
-ADAPTIVE: tuple[str, ...] = ("tsit5", "dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
+ADAPTIVE: tuple[str, ...] = (
+    "tsit5",
+    "dopri5",
+    "dopri8",
+    "bosh3",
+    "adaptive_heun",
+    "fehlberg2",
+    "rodas5p",
+    "rosenbrock23",
+)
 FIXED: tuple[str, ...] = ("rk4", "euler", "midpoint", "heun3")
 
 SCHEMAS: Mapping[str, Mapping[str, type]] = {

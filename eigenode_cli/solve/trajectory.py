@@ -9,16 +9,19 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torchdiffeq._impl.interp import _interp_evaluate
+from torchdiffeq._impl.misc import _compute_error_ratio, _select_initial_step
 
 from eigenode_cli.solve.drive import Drive, steps_to_knots
+from eigenode_cli.solve.rosenbrock import ROSENBROCK, Attempt, Rodas5P, Rosenbrock23, Start, start_of
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.step_control import StepControl
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.solve.times import checked_times, fixed_step_count, fixed_steps
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, SolveStopped, of_tableau, rms_norm
 
 Field = Callable[..., Tensor]
-Timed = Callable[[float, Tensor], Tensor]
+Timed = Callable[..., Tensor]
 ON_KNOT = 1e-6
 """A given step ends at a knot if it comes this near to it, relative to its size."""
 
@@ -97,8 +100,9 @@ def _solve_driven(
         last = there if inside.numel() == 0 or float(inside[-1]) < there else None
         outputs = torch.cat([times.new_tensor([here]), inside, times.new_tensor([] if last is None else [there])])
 
-        def rate(t: float, y: Tensor, origin=origin, value=value, slope=slope) -> Tensor:
-            return field(y, value + slope * (float(t) - origin))
+        def rate(t: float | Tensor, y: Tensor, origin=origin, value=value, slope=slope) -> Tensor:
+            u = value + slope * (t - origin)
+            return field(y, u if y.dim() == 1 else u.expand(*y.shape[:-1], u.shape[-1]))
 
         taken = None if left is None else _leading(left, there - here)
         found = _solve_piece(rate, x, outputs, config, taken)
@@ -121,6 +125,8 @@ def _leading(steps: list[float], length: float) -> list[float]:
 def _solve_piece(
     field: Timed, initial_state: Tensor, times: Tensor, config: Solver, steps: list[float] | None
 ) -> Trajectory:
+    if isinstance(config, AdaptiveSolver) and config.name in ROSENBROCK:
+        return _solve_rosenbrock(field, initial_state, times, config, steps)
     if isinstance(config, AdaptiveSolver):
         return _solve_adaptive(field, initial_state, times, config, steps, config.tableau)
     if isinstance(config, FixedStepSolver) and config.tableau is not None:
@@ -129,6 +135,56 @@ def _solve_piece(
     if isinstance(config, FixedStepSolver):
         return _solve_fixed(field, initial_state, times, config, steps)
     raise ValueError(f"solver={config.name}: neither adaptive nor of fixed step")
+
+
+def _solve_rosenbrock(
+    field: Timed, initial_state: Tensor, times: Tensor, config: AdaptiveSolver, replay: list[float] | None
+) -> Trajectory:
+    """Integrate by a Rosenbrock method: control, statuses and given steps as those of the explicit ones."""
+    method, control = ROSENBROCK[config.name], StepControl(float(times[-1]), config.max_steps, replay)
+    states, time, x = [initial_state] * int((times == times[0]).sum()), times[0], initial_state
+    status = Status.OK
+    try:
+        with torch.no_grad():
+            rate = field(time, x)
+            if not torch.isfinite(rate).all():
+                raise SolveStopped(Status.NON_FINITE)
+            order = method.order - 1
+            control.proposed = float(
+                _select_initial_step(field, time, x.detach(), order, config.rtol, config.atol, rms_norm, f0=rate)
+            )
+        while len(states) < times.numel():
+            start = start_of(field, time, x)
+            size, clipped = control.size(float(time))
+            while (tried := _accepted(method, field, start, size, config, control)) is None:
+                size, clipped = control.size(float(time))
+            end = times[-1] if clipped else time + size
+            while len(states) < times.numel() and times[len(states)] <= end:
+                states.append(_interp_evaluate(tried.dense, time, end, times[len(states)]))
+            time, x = end, tried.end
+    except SolveStopped as stopped:
+        status = stopped.status
+    return Trajectory(torch.stack(states), status, len(control.steps), control.n_rejected, control.steps)
+
+
+def _accepted(
+    method: Rodas5P | Rosenbrock23,
+    field: Timed,
+    start: Start,
+    size: float,
+    config: AdaptiveSolver,
+    control: StepControl,
+) -> Attempt | None:
+    """Try a step; None where it is rejected."""
+    tried = method.attempt(field, start, size)
+    ratio = float("inf")
+    if tried is not None:
+        with torch.no_grad():
+            if bool(torch.isfinite(tried.end).all() and torch.isfinite(tried.error).all()):
+                ratio = float(
+                    _compute_error_ratio(tried.error, config.rtol, config.atol, start.state, tried.end, rms_norm)
+                )
+    return tried if control.accepts(size, ratio, method.order) else None
 
 
 def _solve_adaptive(
