@@ -1,8 +1,8 @@
 """Rosenbrock methods: linearly implicit, one factorisation a step, for stiff fields.
 
-Each stage solves with `W = I / (h gamma) - J`, the Jacobian J that of the field at the start of the step, so that nothing
-is iterated. E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., Sec. IV.7. All of it is differentiable,
-J included: sensitivities are those of the discrete solution.
+Each stage solves with `W = I / (h gamma) - J`, the Jacobian J that of the field at the start of the step, so that
+nothing is iterated. E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., Sec. IV.7. All of it is
+differentiable, J included: sensitivities are those of the discrete solution.
 """
 
 from collections.abc import Callable
@@ -76,9 +76,9 @@ def _drift(field: Timed, time: Tensor, state: Tensor) -> Tensor:
 class Rodas5P:
     """Order 5, stiffly accurate, L-stable, dense output of order 4, in the form without products with J.
 
-    G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia Differential
-    Equations package, BIT Numer. Math. 63 (2023) 27, https://doi.org/10.1007/s10543-023-00967-x. The last row of `a` is
-    that of the sixth stage; each later one, and the end, adds the solution of the stage before it.
+    G. Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia
+    Differential Equations package, BIT Numer. Math. 63 (2023) 27, https://doi.org/10.1007/s10543-023-00967-x. The
+    seventh and the eighth stage, and the end, each add the solution of the stage before.
     """
 
     name: str = "rodas5p"

@@ -18,7 +18,8 @@ class AdaptiveSolver(RungeKutta):
     """An embedded Runge-Kutta method with step-size control.
 
     Attributes:
-        name: method, as in `solver=`: tsit5 | dopri5 | dopri8 | bosh3 | adaptive_heun | fehlberg2 | rodas5p | rosenbrock23.
+        name: method, as in `solver=`: tsit5 | dopri5 | dopri8 | bosh3 | adaptive_heun | fehlberg2 | rodas5p |
+            rosenbrock23.
         rtol: relative tolerance.
         atol: absolute tolerance, in the units of the states.
         max_steps: attempted steps after which a solve ends with the status `max_steps`.

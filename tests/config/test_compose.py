@@ -14,6 +14,7 @@ from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.errors import UserError
 from eigenode_cli.model.activations import ACTIVATIONS
 from eigenode_cli.model.init import INITS
+from eigenode_cli.solve.rosenbrock import ROSENBROCK
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
 from eigenode_cli.terms.errors import ERRORS
 
@@ -24,10 +25,10 @@ def test_every_shipped_file_is_composed() -> None:
     result = validate(Composer())
     assert result.faults == []
     assert result.files == shipped_files()
-    assert len(result.files) == 52
+    assert len(result.files) == 54
     choices = sum(len(Composer().choices(group)) for group in SCHEMAS)
     protocols_and_systems = 4 + 4 * 4
-    records = 2  # those that ship
+    records = 3  # those that ship
     own_classes = 2  # solver=custom and optimizer=custom have no class yet
     assert result.compositions == choices + protocols_and_systems + records - own_classes
 
@@ -184,7 +185,7 @@ def test_lists_of_names_are_those_of_the_modules() -> None:
 
 def test_every_solver_config_is_implemented() -> None:
     solvers = {name: compose([f"solver={name}"]).solver for name in Composer().choices("solver") if name != "custom"}
-    assert {name for name, solver in solvers.items() if "rtol" in solver} == set(ADAPTIVE)
+    assert {name for name, solver in solvers.items() if "rtol" in solver} == {*ADAPTIVE, *ROSENBROCK}
     assert {name for name, solver in solvers.items() if "step" in solver} == set(FIXED)
     assert all(name == solver.name for name, solver in solvers.items())
 
