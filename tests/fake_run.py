@@ -47,6 +47,7 @@ def write_run_json(folder: Path, system: dict[str, Any], grads: str, horizon: fl
         "grads": grads,
         "scale": {"sol": 1.0, "frq": 10.0, "dmp": 1.0, "stb": 1000.0, "osc": 10.0, "stf": 0.1},
         "terms": {},
+        "stp": {"method": "rk4", "step": 0.05},
         "seed": 0,
     }
     record = {

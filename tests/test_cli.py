@@ -265,7 +265,7 @@ def test_plot_and_report_print_what_they_wrote(
     [
         ("eigenode tr", "train reproduce evaluate export data resume plot report bench list validate"),
         ("eigenode train system=", "system=custom system=oscillator system=sparse_oscillator system=table system=vdp"),
-        ("eigenode train scale.s", "scale.sol= scale.stb= scale.stf="),
+        ("eigenode train scale.s", "scale.sol= scale.stb= scale.stf= scale.stp="),
         ("eigenode plot ", ""),
     ],
 )

@@ -127,7 +127,7 @@ def shipped_files() -> set[str]:
 def _combinations(composer: Composer) -> Iterator[tuple[str, ...]]:
     for group in composer.groups:
         if group == "measured":  # the others need files of the user's
-            yield from (("measured=lynx_hare",), ("measured=shaker",))
+            yield from ((f"measured={name}",) for name in ("driven_simulated", "lynx_hare", "shaker"))
             continue
         for name in composer.choices(group):
             choice = f"{group}={name}"

@@ -128,13 +128,13 @@ def test_what_is_no_experiment(tmp_path: Path) -> None:
 
 
 def test_faults_of_runs_and_protocols_come_together(tmp_path: Path) -> None:
-    text = EXPERIMENT.replace("grads: sol+stb", "grads: sol+stp").replace(
+    text = EXPERIMENT.replace("grads: sol+stb", "grads: sol+stq").replace(
         "protocols: [paper]", "protocols: [paper, papr]"
     )
     write_experiment(tmp_path, text)
     faults = check_all(Composer(), tmp_path).faults
     assert len(faults) == 2
-    assert faults[0].startswith("small: run sol+stb: grads=sol+stp: unknown term 'stp'")
+    assert faults[0].startswith("small: run sol+stb: grads=sol+stq: unknown term 'stq'")
     assert faults[1].startswith("small.yaml: unknown protocol 'papr', did you mean paper?")
 
 

@@ -38,7 +38,7 @@ TERM_COLORS = {
     "stb": "#009E73",
     "osc": "#CC79A7",
     "stf": "#56B4E9",
-    "stp": "#8C8C00",
+    "stp": "#332288",
 }
 """One colour a term in every figure: the palette of Okabe & Ito, told apart with all common colour deficiencies."""
 

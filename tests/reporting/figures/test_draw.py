@@ -1,5 +1,6 @@
 """Every figure of every kind of run is drawn: without a warning, to the same bytes, without pyplot."""
 
+import json
 import subprocess
 import sys
 from io import BytesIO
@@ -91,6 +92,9 @@ def test_one_state_has_no_phase_portrait(tmp_path: Path) -> None:
     fake_run.change_json(
         folder, system={"name": "x", "title": "X", "states": [{"name": "s", "unit": "m", "symbol": "s"}]}
     )
+    assert figures_of(read_run(folder)) == ["convergence", "stability", "solution", "eigenvalues", "region"]
+    record = json.loads((folder / "run.json").read_text())
+    fake_run.change_json(folder, config=record["config"] | {"stp": {"method": "rk4", "step": None}})
     assert figures_of(read_run(folder)) == ["convergence", "stability", "solution", "eigenvalues"]
 
 
