@@ -16,7 +16,7 @@ from eigenode_cli.reporting.report import CAPTIONS, headline, metrics_table, wri
 from eigenode_cli.runs.reader import read_run
 from tests import fake_run
 
-FIGURES = ["convergence", "stability", "solution", "eigenvalues", "phase"]
+FIGURES = ["convergence", "stability", "solution", "eigenvalues", "phase", "region"]
 CHROMIUM = [
     "--headless",
     "--no-sandbox",
@@ -171,7 +171,7 @@ def test_a_missing_file_is_named(folder: Path) -> None:
     assert [fault.partition(" in ")[0] for fault in faults] == ["solution.csv is missing"]
     text = path.read_text()
     assert faults[0] in text
-    assert Page(text).figures == ["convergence", "stability", "eigenvalues"]
+    assert Page(text).figures == ["convergence", "stability", "eigenvalues", "region"]
 
 
 @pytest.mark.parametrize("key", ["error", "command", "engine"])
@@ -192,7 +192,7 @@ def test_a_browser_shows_it_on_a_phone(folder: Path, browser: str, tmp_path: Pat
     assert body is not None, result.stderr
     facts = dict(re.findall(r'data-(\w+)="([^"]*)"', body[0]))
     assert facts["title"] == "Oscillator, sol+frq+dmp+osc, seed 0"
-    assert (facts["images"], facts["drawn"]) == ("5", "5")
+    assert (facts["images"], facts["drawn"]) == ("6", "6")
     assert (facts["fetched"], facts["alerts"]) == ("0", "0")
     assert int(facts["width"]) <= 390
     assert float(facts["widest"]) <= 390.0
