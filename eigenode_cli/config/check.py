@@ -16,7 +16,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf, open_dict
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
 from eigenode_cli.config.composer import DIFFERENCES, Composer, explain, hydra_values
-from eigenode_cli.config.ineffective import target_faults
+from eigenode_cli.config.ineffective import late_faults
 from eigenode_cli.config.plugins import ALIASES, CUSTOM, GROUPS, config_choice, expanded, no_option, typify, unresolved
 from eigenode_cli.config.unused import useless_options
 from eigenode_cli.config.values import value_faults
@@ -113,7 +113,7 @@ def examine(composer: Composer, words: Sequence[str], ground: bool = False) -> E
 def without_effect(examined: Examined) -> list[str]:
     """Faults of what has no effect on this system, of a configuration without other faults."""
     config = examined.config
-    return [] if config is None else target_faults(_resolved(config))
+    return [] if config is None else late_faults(_resolved(config))
 
 
 def examine_overrides(composer: Composer, overrides: Sequence[Override]) -> Examined:

@@ -1,4 +1,4 @@
-"""Terms that train nothing because no target gives them anything to compare.
+"""Terms that train nothing because no target gives them anything to compare, and fixed steps too long for the target.
 
 Targets come from the truth's spectra, so this is asked last, of a command line that is otherwise right: it loads SciPy
 and Numba, and solves the system once.
@@ -11,6 +11,7 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
 from eigenode_cli.config.names import damped_frequencies, named_terms, stated_ranges
+from eigenode_cli.config.outline import is_table
 from eigenode_cli.config.schema import SystemConfig
 from eigenode_cli.terms import of_target, split_grads
 
@@ -18,8 +19,46 @@ OF_PAIRS, OF_RATIO = of_target("pairs"), of_target("ratio")
 """Terms that only act where a target has a pair, or a finite stiffness ratio."""
 
 
-def target_faults(config: DictConfig) -> list[str]:
-    """Return a fault for every setting that names terms without effect, of a configuration without other faults."""
+def late_faults(config: DictConfig) -> list[str]:
+    """Return what only targets tell, of a configuration without other faults: idle terms, a step that is too long."""
+    return [*_target_faults(config), *_step_faults(config)]
+
+
+def _step_faults(config: DictConfig) -> Iterator[str]:
+    """Yield a fault for a fixed step that does not fit into the horizon, or not twice into a period of the target."""
+    if "step" not in config.solver:
+        return
+    step, table = config.solver.step, is_table(config.system)
+    if not table and step > config.system.horizon:
+        yield f"solver.step={step:g}: longer than system.horizon={config.system.horizon:g} s"
+        return
+    if config.target.name == "stated":
+        fastest = max((high for _, high in damped_frequencies(config.target)), default=0.0)
+    else:
+        fastest = 0.0 if table else _fastest(config)
+    if step * fastest > 0.5:
+        yield (
+            f"solver.step={step:g}: the target swings with {fastest:.3g} Hz, and a step must fit twice into its period;"
+            f" write at most solver.step={0.5 / fastest:.2g}"
+        )
+
+
+def _fastest(config: DictConfig) -> float:
+    """Return the highest frequency in Hz of the truth along its trajectory, 0 where it has no pair."""
+    from eigenode_cli.config.build import build_truth  # noqa: PLC0415  # SciPy
+    from eigenode_cli.data.targets import TruthTarget  # noqa: PLC0415  # Numba
+
+    truth = build_truth(cast(SystemConfig, OmegaConf.to_object(config.system)))
+    try:
+        rows = TruthTarget(truth).rows(np.linspace(0.0, config.system.horizon, config.system.points))
+    except ValueError:  # a system that cannot be solved is for the run to tell
+        return 0.0
+    known = rows.frequency[np.isfinite(rows.frequency)]
+    return float(known.max(initial=0.0))
+
+
+def _target_faults(config: DictConfig) -> list[str]:
+    """Return a fault for every setting that names terms without effect."""
     if config.target.name == "stated":
         return list(_lost_pairs(config))
     named = {f"{key}={text}": split_grads(text) for key, text in named_terms(config)}

@@ -144,6 +144,15 @@ WRONG = [
         "train target=stated grads=frq target.frequency=[[-1.0,1.0]] target.damping=[0.1]",
         "target.frequency=[[-1,1]]: must be above 0",
     ),
+    ("train solver=rk4 solver.step=40", "solver.step=40: longer than system.horizon=30 s"),
+    (
+        "train system=oscillator solver=rk4 solver.step=2",
+        "solver.step=2: the target swings with 0.796 Hz, and a step must fit twice into its period; write at most",
+    ),
+    (
+        "train target=stated target.frequency=[2] target.damping=[0.1] solver=rk4 solver.step=0.4",
+        "solver.step=0.4: the target swings with 2 Hz, and a step must fit twice into its period",
+    ),
     ("train target.at=rest", "target.at=rest: unknown name 'rest'; choose from trajectory, equilibrium"),
     (
         "train target.at=equilibrium stages.0.spectra=data grads=sol+frq",
