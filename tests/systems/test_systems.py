@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from eigenode_cli.config.plugins import GROUPS, load_class
 from eigenode_cli.data.dataset import Series
@@ -94,3 +95,19 @@ def test_stated_targets_are_those_of_the_same_spectrum() -> None:
     stated = StatedTarget(frequency, damping).rows(np.zeros(1))
     for name in ("frequency", "damping", "pairs", "stiffness"):
         np.testing.assert_allclose(getattr(stated, name), getattr(known, name), rtol=1e-12)
+
+
+def test_a_stiff_reference_is_solved_implicitly() -> None:
+    """The Van der Pol oscillator with mu = 1000: DOP853 alone takes minutes; LSODA, another method, agrees."""
+    system, times = VanDerPol(mu=1000.0), np.linspace(0.0, 1000.0, 501)
+    states = Truth(system, (2.0, 0.0)).states(times)
+    found = solve_ivp(
+        lambda _t, x: system.dynamics(x), (0.0, 1000.0), (2.0, 0.0), "LSODA", times, rtol=1e-11, atol=1e-11
+    )
+    calm = np.abs(found.y[1]) < 1.0  # off the jumps, where a shift in time counts a thousandfold
+    assert calm.sum() > 490
+    np.testing.assert_allclose(states[calm, 0], found.y[0][calm], atol=1e-4)
+    long = Truth(Oscillator(), (1.0, 0.0)).states(np.array([0.0, 500.0]))  # long, and not stiff: the exact solution
+    decay, wave = -0.025, np.sqrt(25.0 - 0.025**2)
+    exact = np.exp(decay * 500.0) * (np.cos(wave * 500.0) - decay / wave * np.sin(wave * 500.0))
+    assert long[-1, 0] == pytest.approx(exact, abs=1e-9)
