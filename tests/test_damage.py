@@ -188,7 +188,7 @@ def names(out: str) -> list[str]:
     return list(dict.fromkeys(Path(line).stem for line in out.splitlines()))
 
 
-ALL = ["convergence", "stability", "solution", "eigenvalues", "phase"]
+ALL = ["convergence", "stability", "solution", "eigenvalues", "phase", "region"]
 OF_METRICS, OF_SOLUTION = ["convergence", "stability"], ["solution", "phase"]
 DRAWN: list[tuple[Damage, list[str], str]] = [
     (lose("metrics.csv"), OF_METRICS, "metrics.csv is missing"),
@@ -202,9 +202,13 @@ DRAWN: list[tuple[Damage, list[str], str]] = [
     (change("solution.csv", lambda lines: [*lines[:5], "x" + lines[5], *lines[6:]]), OF_SOLUTION, "line 6: t is 'x"),
     (write("solution.csv", "a,b\n1,2\n"), OF_SOLUTION, "solution.csv: column t is missing"),
     (write("solution.csv", b"\x00" * 4096), OF_SOLUTION, "solution.csv"),
-    (lose("eigenvalues.csv"), ["eigenvalues"], "eigenvalues.csv is missing"),
-    (write("eigenvalues.csv", "t,mode,re,im,target_re,target_im\n"), ["eigenvalues"], "holds no record"),
-    (change("eigenvalues.csv", lambda lines: [lines[0], ",".join(["1e999"] * 6)]), ["eigenvalues"], "t is not finite"),
+    (lose("eigenvalues.csv"), ["eigenvalues", "region"], "eigenvalues.csv is missing"),
+    (write("eigenvalues.csv", "t,mode,re,im,target_re,target_im\n"), ["eigenvalues", "region"], "holds no record"),
+    (
+        change("eigenvalues.csv", lambda lines: [lines[0], ",".join(["1e999"] * 6)]),
+        ["eigenvalues", "region"],
+        "t is not finite",
+    ),
     (lose("data.csv"), ["convergence", "solution", "phase"], "data.csv is missing"),
     (setting("config.error", {}), ["convergence"], "run.json: config.error.sol is missing"),
 ]
