@@ -16,6 +16,7 @@ from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.engines.problem import REACH, Problem
 from eigenode_cli.model import flat_parameters
 from eigenode_cli.recorded import RecordedRun
+from eigenode_cli.solve.drive import Drive
 from eigenode_cli.solve.settings import TIGHT
 
 RESTS, MOVES, LEAVES = "rests", "moves", "leaves"
@@ -102,7 +103,8 @@ def _simulated(
     """Return how the trajectory from a state `(n,)` ends, its size there, and its last state `(n,)`."""
     field, scaling = run.internal_field, run.scaling
     initial = start / scaling.states
-    series = Series(np.zeros(1), initial[None], initial)
+    still = Drive(np.array([0.0, times[-1] / scaling.time]), np.zeros((2, field.inputs))) if field.inputs else None
+    series = Series(np.zeros(1), initial[None], initial, drive=still)
     targets = targets_of_spectra(np.zeros((1, initial.size), dtype=np.complex128))
     problem = Problem(series, targets, terms=("sol",), solver=TIGHT, stabilise=False)
     found = build_engine(field, problem).evaluate(flat_parameters(field), times / scaling.time).dense * scaling.states
@@ -111,5 +113,5 @@ def _simulated(
     if count < reached.size:
         return LEAVES, float("inf"), cast(Floats, found[max(0, count - 1)])
     last = found[-OUTPUTS // 4 :]
-    still = (np.ptp(last, axis=0) <= 2.0 * STILL * half).all()
-    return (RESTS if still else MOVES), float((np.abs(last - middle) / half).max()), found[-1]
+    rests = (np.ptp(last, axis=0) <= 2.0 * STILL * half).all()
+    return (RESTS if rests else MOVES), float((np.abs(last - middle) / half).max()), found[-1]

@@ -266,6 +266,8 @@ def test_the_shipped_driven_pendulum_beats_its_linear_model(tmp_path: Path) -> N
     record = json.loads((run / "run.json").read_text())
     assert record["final"]["test_error"] < 0.08
     assert record["baselines"]["linear"] > 0.3
+    done = command(tmp_path, "evaluate", str(run), "--map", "map.png", "--grid", "3")
+    assert done.stdout.startswith("9 initial states: "), done.stderr  # without the torque
 
 
 def test_a_model_is_simulated_from_another_state(plain: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
