@@ -16,6 +16,8 @@ LOWEST, HIGHEST = 0.7, 0.95
 """Ends of the grid: lowest frequency in periods a record, highest one as a share of half the rate of the samples."""
 MOST = 20_000
 """Largest number of frequencies of the grid."""
+AT_ONCE = 2_000_000
+"""Frequencies times samples that are taken at once, which bounds the memory."""
 PROMINENT = 0.02
 """A peak counts if it stands out by this share of the highest one."""
 FEWEST_PERIODS = 2.0
@@ -51,8 +53,9 @@ def periodogram(times: Floats, signal: Floats) -> Periodogram:
     level -= level.mean()
     if not np.ptp(level) > 0.0:
         return Periodogram(frequency, np.zeros(count))
-    found = lombscargle(times - times[0], level, 2.0 * np.pi * frequency, normalize="amplitude")
-    return Periodogram(frequency, 2.0 * np.abs(found))
+    parts = np.array_split(2.0 * np.pi * frequency, 1 + count * times.size // AT_ONCE)
+    found = [lombscargle(times - times[0], level, part, normalize="amplitude") for part in parts]
+    return Periodogram(frequency, 2.0 * np.abs(np.concatenate(found)))
 
 
 def peaks(found: Periodogram, most: int = 4) -> Floats:
