@@ -54,7 +54,7 @@ def periodogram(times: Floats, signal: Floats) -> Periodogram:
     if not np.ptp(level) > 0.0:
         return Periodogram(frequency, np.zeros(count))
     parts = np.array_split(2.0 * np.pi * frequency, min(count, 1 + count * times.size // AT_ONCE))
-    found = [lombscargle(times - times[0], level, part, normalize="amplitude") for part in parts]
+    found = [np.atleast_1d(lombscargle(times - times[0], level, part, normalize="amplitude")) for part in parts]
     return Periodogram(frequency, 2.0 * np.abs(np.concatenate(found)))
 
 
