@@ -2,7 +2,7 @@
 
 python benchmarks/measured_peers.py --data DIR --seeds 5 --output benchmarks/measured_peers.json
 
-DIR has a folder for each record that does not ship (docs/measured.md names their sources); without it the shipped ones
+Rows are written one by one, so that a run that is cut off leaves those that it has. DIR has a folder for each record that does not ship (docs/measured.md names their sources); without it the shipped ones
 are taken alone. Needs the extra `peers` (pysindy).
 """
 
