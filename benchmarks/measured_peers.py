@@ -2,8 +2,9 @@
 
 python benchmarks/measured_peers.py --data DIR --seeds 5 --output benchmarks/measured_peers.json
 
-Rows are written one by one, so that a run that is cut off leaves those that it has. DIR has a folder for each record that does not ship (docs/measured.md names their sources); without it the shipped ones
-are taken alone. Needs the extra `peers` (pysindy).
+DIR has a folder for each record that does not ship (docs/measured.md names their sources); without it the shipped ones
+are taken alone. Needs the extra `peers` (pysindy). Each row is written when it is there, so that a script that is cut
+off leaves those that it has.
 """
 
 import os
