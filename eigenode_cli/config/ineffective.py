@@ -5,15 +5,19 @@ and Numba, and solves the system once.
 """
 
 from collections.abc import Iterator
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
+from eigenode_cli.arrays import Floats
 from eigenode_cli.config.names import damped_frequencies, named_terms, stated_ranges
 from eigenode_cli.config.outline import is_table
 from eigenode_cli.config.schema import SystemConfig
 from eigenode_cli.terms import of_target, split_grads
+
+if TYPE_CHECKING:
+    from eigenode_cli.data.targets import TruthTarget
 
 OF_PAIRS, OF_RATIO = of_target("pairs"), of_target("ratio")
 """Terms that only act where a target has a pair, or a finite stiffness ratio."""
@@ -45,12 +49,9 @@ def _step_faults(config: DictConfig) -> Iterator[str]:
 
 def _fastest(config: DictConfig) -> float:
     """Return the highest frequency in Hz of the truth along its trajectory, 0 where it has no pair."""
-    from eigenode_cli.config.build import build_truth  # noqa: PLC0415  # SciPy
-    from eigenode_cli.data.targets import TruthTarget  # noqa: PLC0415  # Numba
-
-    truth = build_truth(cast(SystemConfig, OmegaConf.to_object(config.system)))
+    target, times = _truth_target(config, 1.0)
     try:
-        rows = TruthTarget(truth).rows(np.linspace(0.0, config.system.horizon, config.system.points))
+        rows = target.rows(times)
     except ValueError:  # a system that cannot be solved is for the run to tell
         return 0.0
     known = rows.frequency[np.isfinite(rows.frequency)]
@@ -112,13 +113,7 @@ def _truth(config: DictConfig) -> tuple[bool, bool]:
     Raises:
         ValueError: they are to be those of an equilibrium, and there is none.
     """
-    from eigenode_cli.config.build import build_truth  # noqa: PLC0415  # as above
-    from eigenode_cli.data.targets import TruthTarget  # noqa: PLC0415  # as above
-
-    settings = config.system
-    truth = build_truth(cast(SystemConfig, OmegaConf.to_object(settings)))
-    times = np.linspace(0.0, settings.horizon, settings.points)
-    target = TruthTarget(truth, config.target.frequency_factor)
+    target, times = _truth_target(config, config.target.frequency_factor)
     if config.target.at == "equilibrium":
         there = target.resting(times)[1]
         return bool(there.pairs.any()), bool(np.isfinite(there.stiffness).any())
@@ -128,3 +123,13 @@ def _truth(config: DictConfig) -> tuple[bool, bool]:
         return True, True
     targets = along.rows(np.arange(0, times.size, config.eigen.every))
     return bool(targets.pairs.any()), bool(np.isfinite(targets.stiffness).any())
+
+
+def _truth_target(config: DictConfig, factor: float) -> "tuple[TruthTarget, Floats]":
+    """Return the truth's target with a factor on its frequencies, and the data times in s."""
+    from eigenode_cli.config.build import build_truth  # noqa: PLC0415  # SciPy, only once all else is right
+    from eigenode_cli.data.targets import TruthTarget  # noqa: PLC0415  # Numba, as above
+
+    settings = config.system
+    truth = build_truth(cast(SystemConfig, OmegaConf.to_object(settings)))
+    return TruthTarget(truth, factor), np.linspace(0.0, settings.horizon, settings.points)

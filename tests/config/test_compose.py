@@ -15,6 +15,7 @@ from eigenode_cli.errors import UserError
 from eigenode_cli.model.activations import ACTIVATIONS
 from eigenode_cli.model.init import INITS
 from eigenode_cli.solve.rosenbrock import ROSENBROCK
+from eigenode_cli.solve.stability import METHODS
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
 from eigenode_cli.terms.errors import ERRORS
 
@@ -181,6 +182,7 @@ def test_lists_of_names_are_those_of_the_modules() -> None:
     assert tuple(ACTIVATIONS) == names.ACTIVATIONS
     assert tuple(INITS) == names.INITS
     assert tuple(ERRORS) == names.ERRORS
+    assert METHODS == names.STEPPERS
 
 
 def test_every_solver_config_is_implemented() -> None:
