@@ -2,10 +2,10 @@
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from eigenode_cli.commands.evaluate_map import draw_map
 from eigenode_cli.commands.evaluate_measured import evaluate_measured
+from eigenode_cli.commands.output import save_table
 from eigenode_cli.config.table_schema import TableConfig
 from eigenode_cli.console import number, show_table
 from eigenode_cli.errors import UserError
@@ -18,7 +18,6 @@ def evaluate(args: argparse.Namespace) -> int:
     """Print the errors of the model against the truth, state by state."""
     from eigenode_cli.config.compose import restore, with_changes  # noqa: PLC0415  # torch, once it is needed
     from eigenode_cli.recorded import load_run  # noqa: PLC0415
-    from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
     from eigenode_cli.solve.settings import TIGHT  # noqa: PLC0415
 
     for option, value in (("--points", args.points), ("--grid", args.grid)):
@@ -46,6 +45,5 @@ def evaluate(args: argparse.Namespace) -> int:
     show_table(header, rows, f"{config.system.name} over {config.system.horizon:g} s from {start}", right=header[1:])
     print(f"model solved by {TIGHT.name} at rtol={TIGHT.rtol:g}, the truth by DOP853 at 1e-10")
     if args.output:
-        write_text(Path(args.output), found.table.to_csv(index=False))
-        print(args.output)
+        save_table(found.table, args.output)
     return 0

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eigenode_cli.commands.output import save_table
 from eigenode_cli.console import number, show_table
 from eigenode_cli.errors import UserError
 
@@ -51,10 +52,7 @@ def evaluate_measured(args: argparse.Namespace, run: "RecordedRun") -> int:
         print(f"test error: model {number(model)}, {', '.join(parts)}")
     _show_modes(run.folder)
     if args.output:
-        from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
-
-        write_text(Path(args.output), table.to_csv(index=False))
-        print(args.output)
+        save_table(table, args.output)
     return 0
 
 
@@ -95,11 +93,8 @@ def _simulate(args: argparse.Namespace, run: "RecordedRun", asked: Mapping[str, 
     if not np.isfinite(found).all():
         print("the model could not be solved to the end")
     if args.output:
-        from eigenode_cli.runs.atomic import write_text  # noqa: PLC0415
-
-        table = pd.DataFrame({"t": times} | {f"model_{name}": found[:, i] for i, name in enumerate(names)})
-        write_text(Path(args.output), table.to_csv(index=False))
-        print(args.output)
+        columns = {"t": times} | {f"model_{name}": found[:, i] for i, name in enumerate(names)}
+        save_table(pd.DataFrame(columns), args.output)
 
 
 def _numbers(key: str, text: str) -> list[float]:

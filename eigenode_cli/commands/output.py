@@ -1,11 +1,20 @@
-"""Standard output that may go away: a run is not lost with the pipe, the terminal or the full disk it is shown on."""
+"""What a command prints and saves: standard output may go away, with the pipe, the terminal or a full disk.
+
+A run is not lost with what it is shown on.
+"""
 
 import errno
 import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, TextIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from eigenode_cli.runs.atomic import write_text
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 class _Lasting:
@@ -85,3 +94,9 @@ def _reopened(number: int) -> TextIO:
         os.dup2(nowhere, number)
         os.close(nowhere)
     return open(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False)  # a number, for the whole process
+
+
+def save_table(table: "DataFrame", name: str) -> None:
+    """Write a table into the CSV file of this name, as a whole or not at all, and say where it is."""
+    write_text(Path(name), table.to_csv(index=False))
+    print(name)
