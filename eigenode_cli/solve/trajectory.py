@@ -12,13 +12,14 @@ from torchdiffeq._impl.interp import _interp_evaluate
 from torchdiffeq._impl.misc import _compute_error_ratio, _select_initial_step
 
 from eigenode_cli.solve.drive import Drive, steps_to_knots
-from eigenode_cli.solve.rosenbrock import ROSENBROCK, Attempt, Rodas5P, Rosenbrock23, Start, start_of
+from eigenode_cli.solve.rosenbrock import Attempt, Start
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.step_control import StepControl
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.solve.times import checked_times, fixed_step_count, fixed_steps
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, SolveStopped, of_tableau, rms_norm
+from eigenode_cli.solve.way import STIFF, Way
 
 Field = Callable[..., Tensor]
 Timed = Callable[..., Tensor]
@@ -35,6 +36,7 @@ class Trajectory:
         status: how the solve ended.
         n_accepted, n_rejected: steps.
         steps: sizes of the accepted steps in s.
+        n_switches: how often it went from one method to another.
     """
 
     states: Tensor
@@ -42,6 +44,7 @@ class Trajectory:
     n_accepted: int
     n_rejected: int
     steps: list[float]
+    n_switches: int = 0
 
     def padded(self, count: int) -> NDArray[np.float64]:
         """Return the states as an array `(count, n)`, NaN where the solve did not arrive."""
@@ -89,6 +92,7 @@ def _solve_driven(
     begin, end = float(times[0]), float(times[-1])
     knots = [begin, *starts[(starts > begin) & (starts < end)].tolist(), *([end] if end > begin else [])]
     states, sizes, rejected, status = [initial_state] * int((times == begin).sum()), [], 0, Status.OK
+    switches = 0
     if steps is None and isinstance(config, FixedStepSolver):
         steps = steps_to_knots(fixed_steps(config.step, begin, end), begin, drive).tolist()
     left = None if steps is None else [size for size in steps if size > 0.0]
@@ -107,11 +111,12 @@ def _solve_driven(
         taken = None if left is None else _leading(left, there - here)
         found = _solve_piece(rate, x, outputs, config, taken)
         states += list(found.states[1 : 1 + inside.numel()])
+        switches += found.n_switches
         sizes, rejected, status = [*sizes, *found.steps], rejected + found.n_rejected, found.status
         if status is not Status.OK:
             break
         x = found.states[-1]
-    return Trajectory(torch.stack(states), status, len(sizes), rejected, sizes)
+    return Trajectory(torch.stack(states), status, len(sizes), rejected, sizes, switches)
 
 
 def _leading(steps: list[float], length: float) -> list[float]:
@@ -125,8 +130,8 @@ def _leading(steps: list[float], length: float) -> list[float]:
 def _solve_piece(
     field: Timed, initial_state: Tensor, times: Tensor, config: Solver, steps: list[float] | None
 ) -> Trajectory:
-    if isinstance(config, AdaptiveSolver) and config.name in ROSENBROCK:
-        return _solve_rosenbrock(field, initial_state, times, config, steps)
+    if isinstance(config, AdaptiveSolver) and config.name in STIFF:
+        return _solve_stiff(field, initial_state, times, config, steps)
     if isinstance(config, AdaptiveSolver):
         return _solve_adaptive(field, initial_state, times, config, steps, config.tableau)
     if isinstance(config, FixedStepSolver) and config.tableau is not None:
@@ -137,46 +142,50 @@ def _solve_piece(
     raise ValueError(f"solver={config.name}: neither adaptive nor of fixed step")
 
 
-def _solve_rosenbrock(
+def _solve_stiff(
     field: Timed, initial_state: Tensor, times: Tensor, config: AdaptiveSolver, replay: list[float] | None
 ) -> Trajectory:
-    """Integrate by a Rosenbrock method: control, statuses and given steps as those of the explicit ones."""
-    method, control = ROSENBROCK[config.name], StepControl(float(times[-1]), config.max_steps, replay)
+    """Integrate by a Rosenbrock method, or by two methods: control and statuses as those of the explicit ones."""
+    control = StepControl(float(times[-1]), config.max_steps, replay)
+    way = Way(config.name)
     states, time, x = [initial_state] * int((times == times[0]).sum()), times[0], initial_state
     status = Status.OK
     try:
-        with torch.no_grad():
-            rate = field(time, x)
-            if not torch.isfinite(rate).all():
-                raise SolveStopped(Status.NON_FINITE)
-            order = method.order - 1
-            control.proposed = float(
-                _select_initial_step(field, time, x.detach(), order, config.rtol, config.atol, rms_norm, f0=rate)
-            )
+        control.proposed = _first_size(field, time, x, config, way.order)
         while len(states) < times.numel():
-            start = start_of(field, time, x)
             size, clipped = control.size(float(time))
-            while (tried := _accepted(method, field, start, size, config, control)) is None:
+            start = way.start(field, time, x)
+            while (tried := _accepted(way, field, start, size, config, control)) is None:
                 size, clipped = control.size(float(time))
             end = times[-1] if clipped else time + size
             while len(states) < times.numel() and times[len(states)] <= end:
                 states.append(_interp_evaluate(tried.dense, time, end, times[len(states)]))
+            way.decide(size * tried.fastest)
             time, x = end, tried.end
     except SolveStopped as stopped:
         status = stopped.status
-    return Trajectory(torch.stack(states), status, len(control.steps), control.n_rejected, control.steps)
+    return Trajectory(torch.stack(states), status, len(control.steps), control.n_rejected, control.steps, way.switches)
+
+
+@torch.no_grad()
+def _first_size(field: Timed, time: Tensor, state: Tensor, config: AdaptiveSolver, order: int) -> float:
+    """Return the size of the first step in s.
+
+    Raises:
+        SolveStopped: the field is not finite there.
+    """
+    rate = field(time, state)
+    if not torch.isfinite(rate).all():
+        raise SolveStopped(Status.NON_FINITE)
+    state = state.detach()
+    return float(_select_initial_step(field, time, state, order - 1, config.rtol, config.atol, rms_norm, f0=rate))
 
 
 def _accepted(
-    method: Rodas5P | Rosenbrock23,
-    field: Timed,
-    start: Start,
-    size: float,
-    config: AdaptiveSolver,
-    control: StepControl,
+    way: Way, field: Timed, start: Start, size: float, config: AdaptiveSolver, control: StepControl
 ) -> Attempt | None:
     """Try a step; None where it is rejected."""
-    tried = method.attempt(field, start, size)
+    tried = way.attempt(field, start, size)
     ratio = float("inf")
     if tried is not None:
         with torch.no_grad():
@@ -184,7 +193,7 @@ def _accepted(
                 ratio = float(
                     _compute_error_ratio(tried.error, config.rtol, config.atol, start.state, tried.end, rms_norm)
                 )
-    return tried if control.accepts(size, ratio, method.order) else None
+    return tried if control.accepts(size, ratio, way.order) else None
 
 
 def _solve_adaptive(

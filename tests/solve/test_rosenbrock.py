@@ -10,7 +10,8 @@ from eigenode_cli.arrays import Floats
 from eigenode_cli.engines.torch_engine import TorchEngine
 from eigenode_cli.model import flat_parameters
 from eigenode_cli.solve.drive import Drive
-from eigenode_cli.solve.rosenbrock import ROSENBROCK, start_of
+from eigenode_cli.solve.rosenbrock import attempt, start_of
+from eigenode_cli.solve.rosenbrock_tableau import ROSENBROCK
 from eigenode_cli.solve.settings import AdaptiveSolver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.trajectory import Trajectory, solve
@@ -96,7 +97,7 @@ def test_stability_function(name: str) -> None:
         start = start_of(
             lambda _t, x: x @ matrix.T, torch.zeros((), dtype=torch.float64), torch.tensor([1.0, 0.0]).double()
         )
-        tried = ROSENBROCK[name].attempt(lambda _t, x: x @ matrix.T, start, 1.0)
+        tried = attempt(ROSENBROCK[name], lambda _t, x: x @ matrix.T, start, 1.0)
         assert tried is not None
         return float(torch.linalg.norm(tried.end.detach()))
 

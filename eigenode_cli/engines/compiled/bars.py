@@ -25,6 +25,7 @@ class Bars(NamedTuple):
         rows: these rows `(BLOCK, stride)`; `factors` of each channel `(BLOCK, C)`.
         stride: P in whole cache lines.
         scratch: of the network's pullbacks `(2, widest)`.
+        directions: vectors that Jacobians are multiplied with `(L, m, n + k)`; `curves` of `curvature.fill_curves`.
         tangent_state, tangent_stage, tangent_output, tangent_k: forward sensitivities of a state, of a stage and of an
             output `(n, P)`, of the stages' derivatives `(s, n, P)`.
         unknown, unknown_count: indices of the initial state's trained entries; their parameters stand at `initial`.
@@ -45,6 +46,8 @@ class Bars(NamedTuple):
     factors: int
     stride: int
     scratch: int
+    directions: int
+    curves: int
     tangent_state: int
     tangent_stage: int
     tangent_k: int

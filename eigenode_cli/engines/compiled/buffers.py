@@ -10,19 +10,23 @@ from eigenode_cli.data.dataset import Series
 from eigenode_cli.engines.compiled.algebra import BLOCK
 from eigenode_cli.engines.compiled.bars import Bars
 from eigenode_cli.engines.compiled.core import Core, Setup, Work
+from eigenode_cli.engines.compiled.curvature import curve_size
 from eigenode_cli.engines.compiled.debug_memory import label
 from eigenode_cli.engines.compiled.drive import Drive as Pieces
 from eigenode_cli.engines.compiled.jacobian import scratch_rows
 from eigenode_cli.engines.compiled.memory import LINE, aligned, whole_lines
+from eigenode_cli.engines.compiled.method import BOTH, EXPLICIT, IMPLICIT, Explicit, Implicit, Method, Steps
 from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_table
 from eigenode_cli.engines.compiled.owner import Owner
 from eigenode_cli.engines.compiled.spectrum_buffers import build_eigen
-from eigenode_cli.engines.compiled.stepper import Method, Steps
 from eigenode_cli.engines.problem import REACH, Problem
+from eigenode_cli.solve import switching
 from eigenode_cli.solve.drive import Drive, steps_to_knots
+from eigenode_cli.solve.rosenbrock_tableau import ROSENBROCK, RosenbrockTableau
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.tableau import TABLEAUS, Tableau
 from eigenode_cli.solve.times import fixed_steps
+from eigenode_cli.solve.way import AUTO, STIFF
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.errors import MSE
 
@@ -49,9 +53,10 @@ def term_codes(names: tuple[str, ...]) -> NDArray[np.int64]:
     return np.array([NAMES.index(name) if name in NAMES else -1 - own.index(name) for name in names], dtype=np.int64)
 
 
-def build_method(owner: Owner, tableau: Tableau, rtol: float, atol: float, max_steps: int) -> Method:
-    """Return the method of a tableau with its settings."""
-    return Method(
+def _explicit(owner: Owner, tableau: Tableau | None) -> Explicit:
+    if tableau is None:
+        return Explicit(0, 0, *(owner.floats(1) for _ in range(5)))
+    return Explicit(
         stages=tableau.error.size,
         order=tableau.order,
         a=owner.copy(tableau.a, np.float64),
@@ -59,6 +64,34 @@ def build_method(owner: Owner, tableau: Tableau, rtol: float, atol: float, max_s
         nodes=owner.copy(tableau.c, np.float64),
         error=owner.copy(tableau.error, np.float64),
         dense=owner.copy(tableau.dense, np.float64),
+    )
+
+
+def _implicit(owner: Owner, tableau: RosenbrockTableau | None) -> Implicit:
+    if tableau is None:
+        return Implicit(0, 0, 1.0, *(owner.floats(1) for _ in range(7)))
+    arrays = (tableau.a, tableau.c, tableau.nodes, tableau.drift, tableau.end, tableau.error, tableau.dense)
+    addresses = (owner.copy(array, np.float64) for array in arrays)
+    return Implicit(tableau.nodes.size, tableau.order, tableau.gamma, *addresses)
+
+
+def build_method(
+    owner: Owner,
+    explicit: Tableau | None,
+    implicit: RosenbrockTableau | None = None,
+    rtol: float = 0.0,
+    atol: float = 1.0,
+    max_steps: int = 0,
+) -> Method:
+    """Return the method of one tableau, or of both by turns, with its settings."""
+    first, second = _explicit(owner, explicit), _implicit(owner, implicit)
+    stages = max(first.stages, second.stages)
+    return Method(
+        kind=EXPLICIT if implicit is None else IMPLICIT if explicit is None else BOTH,
+        stages=stages,
+        fresh=stages - int(implicit is None),
+        explicit=first,
+        implicit=second,
         rtol=float(rtol),
         atol=float(atol),
         max_steps=int(max_steps),
@@ -71,13 +104,18 @@ def solver_method(owner: Owner, solver: Solver) -> tuple[Method, float]:
     Raises:
         ValueError: the settings do not fit the method, or it is unknown.
     """
-    tableau = TABLEAUS.get(solver.name) if solver.tableau is None else solver.tableau
-    if tableau is None:
-        raise ValueError(f"solver.name={solver.name}: the compiled engine knows {', '.join(TABLEAUS)}")
-    if tableau.adaptive and isinstance(solver, AdaptiveSolver):
-        return build_method(owner, tableau, solver.rtol, solver.atol, solver.max_steps), 0.0
-    if not tableau.adaptive and isinstance(solver, FixedStepSolver):
-        return build_method(owner, tableau, 0.0, 1.0, 0), float(solver.step)
+    tableau, implicit = TABLEAUS.get(solver.name) if solver.tableau is None else solver.tableau, None
+    if solver.name in STIFF:
+        tableau = TABLEAUS[switching.EXPLICIT] if solver.name == AUTO else None
+        implicit = ROSENBROCK[switching.IMPLICIT if solver.name == AUTO else solver.name]
+    elif tableau is None:
+        known = ", ".join((*TABLEAUS, *STIFF))
+        raise ValueError(f"solver.name={solver.name}: the compiled engine knows {known}")
+    adaptive = implicit is not None or (tableau is not None and tableau.adaptive)
+    if adaptive and isinstance(solver, AdaptiveSolver):
+        return build_method(owner, tableau, implicit, solver.rtol, solver.atol, solver.max_steps), 0.0
+    if not adaptive and isinstance(solver, FixedStepSolver):
+        return build_method(owner, tableau), float(solver.step)
     raise ValueError(f"solver.name={solver.name}: {type(solver).__name__} does not fit this method")
 
 
@@ -107,7 +145,9 @@ class Room:
         self.outputs = outputs
         self.sizes = np.zeros(capacity)
         # one step's at least: the choice of the first step writes there, even where no step is allowed
-        evaluations = 1 + (method.stages - 1) * max(1, capacity) if recorded else 1
+        evaluations = 1 + method.fresh * max(1, capacity) if recorded else 1
+        implicit = method.kind != EXPLICIT
+        kept = (max(1, capacity) if recorded else 1) * implicit
         steps = Steps(
             capacity=capacity,
             size=self._owner.keep(self.sizes),
@@ -119,6 +159,16 @@ class Room:
             x=self._owner.floats(net.n),
             trial=self._owner.floats(net.n),
             error=self._owner.floats(net.n),
+            kept=kept,
+            implicit=self._owner.zeros(capacity + 1, np.int64),
+            factors=self._owner.floats(kept, net.n, net.n),
+            pivots=self._owner.zeros(kept * net.n, np.int64),
+            solved=self._owner.floats(kept, method.stages, net.n),
+            slope=self._owner.floats(kept, net.k),
+            rate=self._owner.floats(net.n),
+            rows=self._owner.floats(net.m, net.n + net.k),
+            scratch=self._owner.floats(2, net.widest),
+            powers=self._owner.floats(2, net.n, net.n),
         )
         self.steps = label(steps)
 
@@ -148,7 +198,7 @@ def build_core(
     outputs, count = problem.data.times.size, problem.spectral_index.size
     shared = Shared(
         theta=aligned(size),
-        outcome=np.zeros(6, dtype=np.int64),
+        outcome=np.zeros(7, dtype=np.int64),
         slopes=np.zeros(max(terms, len(NAMES)) * 2 * count * n, dtype=np.complex128),
         user_slopes=np.zeros((own_terms, outputs, n)),
     )
@@ -284,6 +334,8 @@ def _build_bars(owner: Owner, net: Net, method: Method, setup: Setup, terms: int
         factors=owner.floats(BLOCK, terms),
         stride=stride,
         scratch=owner.floats(2 * net.widest),
+        directions=owner.floats(0 if method.kind == EXPLICIT else terms, m, n + net.k),
+        curves=owner.floats(0 if method.kind == EXPLICIT else curve_size(net)),
         tangent_state=owner.floats(n, columns),
         tangent_stage=owner.floats(n, columns),
         tangent_k=owner.floats(method.stages, n, columns),

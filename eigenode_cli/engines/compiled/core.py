@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 from eigenode_cli.engines.compiled.bars import Bars
 from eigenode_cli.engines.compiled.drive import Drive
+from eigenode_cli.engines.compiled.method import Method
 from eigenode_cli.engines.compiled.mlp import Net
 from eigenode_cli.engines.compiled.spectrum import Eigen
-from eigenode_cli.engines.compiled.stepper import Method
 
-STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED = range(6)
+STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED, SWITCHES = range(7)
 """Entries of `Work.outcome`: how the solve ended, steps, outputs that were reached, spectra that the terms are taken
-over, firings of the guard."""
+over, firings of the guard, changes of the method."""
 
 
 class Setup(NamedTuple):
@@ -92,7 +92,7 @@ class Work(NamedTuple):
         square: value of one term at one spectrum with squares as errors `(1,)`; `squares` their codes `(6,)`.
         partner, match: of the terms `(n,)`.
         channel: number of the channel of each term in the pullback, -1 for none `(L,)`.
-        outcome: see above `(6,)`.
+        outcome: see above `(7,)`.
     """
 
     columns: int

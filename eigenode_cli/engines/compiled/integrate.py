@@ -7,11 +7,13 @@ import numpy as np
 from eigenode_cli.engines.compiled.algebra import all_finite, clear, copy
 from eigenode_cli.engines.compiled.drive import enter_pieces, next_knot, start_drive
 from eigenode_cli.engines.compiled.memory import doubles, integers, shift
+from eigenode_cli.engines.compiled.method import BOTH, IMPLICIT
 from eigenode_cli.engines.compiled.mlp import evaluate_field
-from eigenode_cli.engines.compiled.stepper import accept, attempt, interpolate
+from eigenode_cli.engines.compiled.stepper import accept, attempt, fastest, interpolate, order_of
 from eigenode_cli.jit import njit_inner
 from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.switching import switched
 
 OK, UNDERFLOW, MAX_STEPS, NON_FINITE, UNSOLVED = (int(status) for status in tuple(Status)[:5])
 ON_KNOT = 1e-6
@@ -36,7 +38,7 @@ def integrate(net, drive, method, steps, given_count, given, start, count, times
         states: filled with the outputs `(N, n)`, NaN where the solve did not arrive.
 
     Returns:
-        Status or `FULL`, accepted steps, rejected steps, number of outputs that were reached.
+        Status or `FULL`, accepted steps, rejected steps, number of outputs that were reached, changes of the method.
     """
     n = net.n
     x, first = doubles(steps.x, 0), doubles(steps.k, 0)
@@ -44,12 +46,13 @@ def integrate(net, drive, method, steps, given_count, given, start, count, times
     start_drive(drive, times[0])
     evaluate_field(net, x, doubles(steps.record, 0), first)
     if not all_finite(n, first):
-        return NON_FINITE, 0, 0, known
+        return NON_FINITE, 0, 0, known, 0
     t, end = times[0], times[count - 1]
     adaptive = given_count == 0
     h = _initial_step(net, method, steps) if adaptive and t < end else 0.0
     accepted, rejected, reached = np.int64(0), np.int64(0), known  # literals would compile what they enter twice
     last_ratio, ratio = SMALLEST_RATIO, 0.0
+    implicit, count_for, switches = method.kind == IMPLICIT, np.int64(0), np.int64(0)
     while t < end:
         jumped = enter_pieces(drive, t)
         if adaptive:
@@ -61,25 +64,32 @@ def integrate(net, drive, method, steps, given_count, given, start, count, times
             ending = accepted + 1 == given_count
             h = given[accepted]
         if status != OK:
-            return status, accepted, rejected, reached
+            return status, accepted, rejected, reached, switches
         if accepted == steps.capacity:
-            return FULL, accepted, rejected, reached
+            return FULL, accepted, rejected, reached, switches
         wanted, h, after, ending = _until_knot(drive, t, h, end, ending, jumped, adaptive)
+        order = order_of(method, implicit)
+        if method.kind == BOTH:
+            integers(steps.implicit, accepted)[0] = int(implicit)
         ratio = attempt(net, drive, method, steps, t, h, accepted)
         if ratio <= 1.0 or (not adaptive and ratio < math.inf):
             reached = interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
             doubles(steps.size, 0)[accepted] = h
+            if method.kind == BOTH and h > 0.0:
+                reach, before = h * fastest(net, method, steps, h, accepted), implicit
+                implicit, count_for = switched(implicit, count_for, reach)
+                switches += int(implicit != before)
             accepted += 1
             t = after
             accept(n, method, steps)
         else:
             rejected += int(adaptive)  # a given step that fails ends the solve
         if h < wanted and ratio <= 1.0:  # a step that was cut short says nothing against the size that was wanted
-            h = max(wanted, next_step(h, ratio, last_ratio, method.order))
+            h = max(wanted, next_step(h, ratio, last_ratio, order))
         else:
-            h = next_step(h, ratio, last_ratio, method.order)
+            h = next_step(h, ratio, last_ratio, order)
             last_ratio = max(ratio, SMALLEST_RATIO) if ratio <= 1.0 else last_ratio
-    return OK, accepted, rejected, reached
+    return OK, accepted, rejected, reached, switches
 
 
 @njit_inner
@@ -157,5 +167,5 @@ def _initial_step(net, method, steps):
     if d1 <= 1e-15 and d2 <= 1e-15:
         h1 = max(1e-6, h0 * 1e-3)
     else:
-        h1 = (0.01 / (d2 if d2 > d1 else d1)) ** (1.0 / method.order)
+        h1 = (0.01 / (d2 if d2 > d1 else d1)) ** (1.0 / order_of(method, method.kind == IMPLICIT))
     return min(100.0 * h0, h1)

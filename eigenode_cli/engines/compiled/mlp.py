@@ -221,12 +221,12 @@ def evaluate_field(net, x, record, rate):
     for level in range(net.last):
         size, above = layer(net, level)[OUTPUTS], layer(net, level + 1)
         z, slope = shift(record, above[VALUE]), shift(record, above[SLOPE])
-        _affine(net, level, u, z)
+        affine(net, level, u, z)
         activate(net.activation, size, z, slope)
         u = z
     lead = n - m
     y = shift(rate, lead)
-    _affine(net, net.last, u, y)
+    affine(net, net.last, u, y)
     for o in range(m):
         y[o] *= scale_out[o]
     if net.field > net.network:
@@ -241,7 +241,8 @@ def evaluate_field(net, x, record, rate):
 
 
 @njit_inner
-def _affine(net, level, u, z):
+def affine(net, level, u, z):
+    """`z = W_l u + b_l`."""
     inputs, outputs, at = layer(net, level)[INPUTS], layer(net, level)[OUTPUTS], layer(net, level)[WEIGHT]
     copy(outputs, doubles(net.theta, layer(net, level)[BIAS]), z)
     multiply(outputs, inputs, doubles(net.theta, at), doubles(net.mirror, at), u, z)
