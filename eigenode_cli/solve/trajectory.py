@@ -81,7 +81,11 @@ def solve(
     times = torch.from_numpy(checked_times(times))
     if drive is not None:
         return _solve_driven(field, initial_state, times, config, steps, drive)
-    return _solve_piece(lambda _t, x: field(x), initial_state, times, config, steps)
+    return _solve_piece(lambda _t, x: field(x), initial_state, times, config, steps, _way_of(config))
+
+
+def _way_of(config: Solver) -> Way | None:
+    return Way(config.name) if config.name in STIFF else None
 
 
 def _solve_driven(
@@ -92,7 +96,7 @@ def _solve_driven(
     begin, end = float(times[0]), float(times[-1])
     knots = [begin, *starts[(starts > begin) & (starts < end)].tolist(), *([end] if end > begin else [])]
     states, sizes, rejected, status = [initial_state] * int((times == begin).sum()), [], 0, Status.OK
-    switches = 0
+    way = _way_of(config)
     if steps is None and isinstance(config, FixedStepSolver):
         steps = steps_to_knots(fixed_steps(config.step, begin, end), begin, drive).tolist()
     left = None if steps is None else [size for size in steps if size > 0.0]
@@ -109,14 +113,13 @@ def _solve_driven(
             return field(y, u if y.dim() == 1 else u.expand(*y.shape[:-1], u.shape[-1]))
 
         taken = None if left is None else _leading(left, there - here)
-        found = _solve_piece(rate, x, outputs, config, taken)
+        found = _solve_piece(rate, x, outputs, config, taken, way)
         states += list(found.states[1 : 1 + inside.numel()])
-        switches += found.n_switches
         sizes, rejected, status = [*sizes, *found.steps], rejected + found.n_rejected, found.status
         if status is not Status.OK:
             break
         x = found.states[-1]
-    return Trajectory(torch.stack(states), status, len(sizes), rejected, sizes, switches)
+    return Trajectory(torch.stack(states), status, len(sizes), rejected, sizes, way.switches if way else 0)
 
 
 def _leading(steps: list[float], length: float) -> list[float]:
@@ -128,10 +131,10 @@ def _leading(steps: list[float], length: float) -> list[float]:
 
 
 def _solve_piece(
-    field: Timed, initial_state: Tensor, times: Tensor, config: Solver, steps: list[float] | None
+    field: Timed, initial_state: Tensor, times: Tensor, config: Solver, steps: list[float] | None, way: Way | None
 ) -> Trajectory:
-    if isinstance(config, AdaptiveSolver) and config.name in STIFF:
-        return _solve_stiff(field, initial_state, times, config, steps)
+    if isinstance(config, AdaptiveSolver) and way is not None:
+        return _solve_stiff(field, initial_state, times, config, steps, way)
     if isinstance(config, AdaptiveSolver):
         return _solve_adaptive(field, initial_state, times, config, steps, config.tableau)
     if isinstance(config, FixedStepSolver) and config.tableau is not None:
@@ -143,11 +146,10 @@ def _solve_piece(
 
 
 def _solve_stiff(
-    field: Timed, initial_state: Tensor, times: Tensor, config: AdaptiveSolver, replay: list[float] | None
+    field: Timed, initial_state: Tensor, times: Tensor, config: AdaptiveSolver, replay: list[float] | None, way: Way
 ) -> Trajectory:
     """Integrate by a Rosenbrock method, or by two methods: control and statuses as those of the explicit ones."""
     control = StepControl(float(times[-1]), config.max_steps, replay)
-    way = Way(config.name)
     states, time, x = [initial_state] * int((times == times[0]).sum()), times[0], initial_state
     status = Status.OK
     try:

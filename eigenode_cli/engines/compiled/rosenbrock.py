@@ -1,8 +1,8 @@
 """One step of a Rosenbrock method, and its exact derivatives: see `stepper` and `solve.rosenbrock_tableau`.
 
-The stages solve `M k_i = r_i` with `r_i = f(X_i) + sum_j c_ij k_j + h drift_i df/dt` and `M = I / gamma - h J`, J at the
-start of the step. A change of J changes k_i by `M^-1 h dJ k_i`, so that the derivatives of J come in through its product
-with the vector `v_i = h (k_i, drift_i du/dt)` alone, in states and inputs, which covers `df/dt` as well.
+The stages solve `M k_i = r_i` with `r_i = f(X_i) + sum_j c_ij k_j + h drift_i df/dt` and `M = I / gamma - h J`, J at
+the start of the step. A change of J changes k_i by `M^-1 h dJ k_i`, so that the derivatives of J come in through its
+product with the vector `v_i = h (k_i, drift_i du/dt)` alone, in states and inputs, which covers `df/dt` as well.
 """
 
 import math
