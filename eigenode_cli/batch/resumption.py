@@ -11,6 +11,7 @@ from eigenode_cli.model import flat_parameters
 from eigenode_cli.runs.recorder import LAST, complete_rows, load_last, metrics_header
 from eigenode_cli.runs.runfile import RUN, RecordError
 from eigenode_cli.training.optimizers import build_optimizer
+from eigenode_cli.training.options import RETRY
 
 
 def check_saved(config: TrainConfig, folder: Path) -> None:
@@ -35,7 +36,7 @@ def check_saved(config: TrainConfig, folder: Path) -> None:
         hidden = getattr(config.network, "hidden", None)
         shown = f"config.network.name={config.network.name}" if hidden is None else f"config.network.hidden={hidden}"
         raise RecordError(f"{RUN}: {shown}: makes {expected} parameters, {LAST} holds {theta.size}")
-    optimizer = build_optimizer(build_method(config), expected)
+    optimizer = build_optimizer(build_method(config), expected, retries=config.trainer.on_unsolvable == RETRY)
     needed = {name: array.shape for name, array in optimizer.state().items()}
     if {name: array.shape for name, array in state.items()} != needed:
         raise RecordError(

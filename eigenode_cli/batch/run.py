@@ -40,8 +40,9 @@ from eigenode_cli.terms.errors import error_value
 from eigenode_cli.terms.user import TermFailed
 from eigenode_cli.training.ending import DIVERGED, FAILED, FINISHED, INTERRUPTED, STALLED, Ending
 from eigenode_cli.training.optimizers import build_optimizer
-from eigenode_cli.training.progress import Progress
-from eigenode_cli.training.trainer import Trainer, Unsolvable, summary
+from eigenode_cli.training.options import RETRY
+from eigenode_cli.training.progress import Progress, summary
+from eigenode_cli.training.trainer import Trainer, Unsolvable
 
 EXIT = {FINISHED: 0, FAILED: 1, STALLED: 1, DIVERGED: 1, INTERRUPTED: 130}
 """Exit status by the status of the run."""
@@ -145,7 +146,13 @@ def _train(
     if saved is not None:  # a kill leaves run.json alone
         record["wall_seconds"] = max(record["wall_seconds"], saved.progress.wall_seconds)
     theta = setup.theta.copy()
-    optimizer = build_optimizer(build_method(config), theta.size, setup.blocks["network"].stop, build_schedule(config))
+    optimizer = build_optimizer(
+        build_method(config),
+        theta.size,
+        setup.blocks["network"].stop,
+        build_schedule(config),
+        config.trainer.on_unsolvable == RETRY,
+    )
     dense_times, holdout = dense_grid(setup), holdout_of(setup)
     recorder = build_recorder(setup, folder, dense_times, tuple(optimizer.records))
     label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"

@@ -10,13 +10,12 @@ import numpy as np
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.bench.case import Case, torch_field
-from eigenode_cli.engines.compiled.buffers import Room, build_core, build_method
+from eigenode_cli.engines.compiled.buffers import Room, build_core, solver_method
 from eigenode_cli.engines.compiled.engine import CompiledEngine
 from eigenode_cli.engines.compiled.kernel import solve
 from eigenode_cli.engines.compiled.mlp import MlpShape
 from eigenode_cli.engines.compiled.owner import Owner
 from eigenode_cli.engines.torch_engine import TorchEngine
-from eigenode_cli.solve.tableau import TABLEAUS
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ class BareSolve:
         given, solver = case.shape, case.solver
         shape = MlpShape(given.sizes, "tanh_libm", given.structure, given.input_scale, given.output_scale)
         self._owner = Owner()  # of the arrays whose addresses the kernel holds
-        method = build_method(self._owner, TABLEAUS[solver.name], solver.rtol, solver.atol, solver.max_steps)
+        method = solver_method(self._owner, solver)[0]
         self._core, shared = build_core(self._owner, shape, case.problem, method, 1, 0, False)
         shared.theta[:] = case.theta
         self._room = Room(self._core.net, method, solver.max_steps, case.times.size, recorded=False)

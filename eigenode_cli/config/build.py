@@ -7,12 +7,11 @@ import numpy as np
 
 from eigenode_cli.arrays import Floats
 from eigenode_cli.config.names import damped_frequencies, stated_ranges
-from eigenode_cli.config.optimizer_schema import OwnOptimizerConfig
+from eigenode_cli.config.optimizer_schema import AdamConfig, OwnOptimizerConfig
 from eigenode_cli.config.outline import outline_of
 from eigenode_cli.config.plugins import load_class, own_options
 from eigenode_cli.config.schema import (
     AdamBfgsConfig,
-    AdamConfig,
     AdaptiveSolverConfig,
     CombineConfig,
     CosineConfig,

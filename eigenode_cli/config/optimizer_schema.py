@@ -34,6 +34,15 @@ class AdamConfig(OptimizerConfig):
 
 
 @dataclass
+class FirstOrderAdamConfig(AdamConfig):
+    """Adam from the first step to the last."""
+
+    clip: float | None = option(above=0)
+    """Largest norm of an update's gradient; a longer one is shortened to it and counted in the column `clipped`; null
+    for any."""
+
+
+@dataclass
 class AdamBfgsConfig(AdamConfig):
     """Adam, then BFGS with a line search."""
 
@@ -69,6 +78,8 @@ class SgdConfig(OptimizerConfig):
     """Gradient descent with momentum."""
 
     momentum: float = option(at_least=0, below=1)
+    clip: float | None = option(above=0)
+    """As of Adam."""
 
 
 @dataclass

@@ -14,9 +14,9 @@ from omegaconf import MISSING
 from eigenode_cli.config import names
 from eigenode_cli.config.optimizer_schema import (
     AdamBfgsConfig,
-    AdamConfig,
     CosineConfig,
     ExponentialConfig,
+    FirstOrderAdamConfig,
     LeastSquaresConfig,
     OptimizerConfig,
     PlateauConfig,
@@ -252,7 +252,8 @@ class TrainerConfig:
     figures: bool = MISSING
     """Whether figures and the report are made at the end; `eigenode plot` and `report` make them later."""
     on_unsolvable: str = option(choices=names.ON_UNSOLVABLE)
-    """What to do when a solve fails: stabilise | skip | stop."""
+    """What to do when a solve fails: stabilise (without SOL, by the spectral terms) | retry (half of the step, from the
+    last weights that could be solved; stabilise before there are any) | skip | stop."""
     keep: str = option(choices=names.KEPT)
     """Which weights are the result: last (those of the last step) | best (those of the record with the lowest sum of
     the scaled terms)."""
@@ -349,6 +350,7 @@ ADAPTIVE: tuple[str, ...] = (
     "fehlberg2",
     "rodas5p",
     "rosenbrock23",
+    "auto",
 )
 FIXED: tuple[str, ...] = ("rk4", "euler", "midpoint", "heun3")
 
@@ -356,7 +358,12 @@ SCHEMAS: Mapping[str, Mapping[str, type]] = {
     "system": {"oscillator": OscillatorConfig, "vdp": VanDerPolConfig, "table": TableConfig},
     "network": {"mlp": MlpConfig, "polynomial": PolynomialConfig},
     "solver": {**dict.fromkeys(ADAPTIVE, AdaptiveSolverConfig), **dict.fromkeys(FIXED, FixedSolverConfig)},
-    "optimizer": {"adam": AdamConfig, "adam_bfgs": AdamBfgsConfig, "lm": LeastSquaresConfig, "sgd": SgdConfig},
+    "optimizer": {
+        "adam": FirstOrderAdamConfig,
+        "adam_bfgs": AdamBfgsConfig,
+        "lm": LeastSquaresConfig,
+        "sgd": SgdConfig,
+    },
     "schedule": {
         "constant": ScheduleConfig,
         "exponential": ExponentialConfig,

@@ -166,7 +166,7 @@ def build_problem(config: TrainConfig, source: Source, series: Series, estimate:
         max_condition=config.eigen.max_condition,
         jacobian=config.eigen.jacobian,
         solver=build_solver(config.solver, time),
-        stabilise=config.trainer.on_unsolvable == "stabilise",
+        stabilise=config.trainer.on_unsolvable in ("stabilise", "retry"),
     )
 
 

@@ -226,8 +226,8 @@ def _hidden_states(config: DictConfig) -> Iterator[str]:
         for key, value, applies in (("solve", "false", not stage.solve), ("spectra", "data", stage.spectra == "data")):
             if applies:
                 yield f"stages.{number}.{key}={value}: {reason}"
-    if config.trainer.on_unsolvable == "stabilise" and set(training_terms(config)) - {"sol"}:
-        yield f"trainer.on_unsolvable=stabilise: {reason}, or write trainer.on_unsolvable=skip"
+    if config.trainer.on_unsolvable in ("stabilise", "retry") and set(training_terms(config)) - {"sol"}:
+        yield f"trainer.on_unsolvable={config.trainer.on_unsolvable}: {reason}, or write trainer.on_unsolvable=skip"
     scalings = [key for key in ("input_scaling", "output_scaling") if config.network.get(key) == "max_abs"]
     if scalings and config.network.scaling_from == "data":
         yield f"network.{scalings[0]}=max_abs: {reason}"
@@ -297,6 +297,12 @@ def _stages(config: DictConfig) -> Iterator[str]:
 
 def _optimizer(config: DictConfig) -> Iterator[str]:
     """Least squares has residuals to work with."""
+    retried = config.trainer.on_unsolvable == "retry"
+    if retried and (config.optimizer.name == "lm" or "target" in config.optimizer):
+        yield (
+            f"trainer.on_unsolvable=retry: optimizer={config.optimizer.name} chooses its steps by itself; write"
+            " trainer.on_unsolvable=stabilise"
+        )
     if config.optimizer.name != "lm":
         return
     for word in training_terms(config):

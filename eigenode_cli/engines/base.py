@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eigenode_cli.arrays import Complexes, Floats
 from eigenode_cli.engines.problem import Problem
-from eigenode_cli.engines.update import Update, learn
+from eigenode_cli.engines.update import Update, train_step
 from eigenode_cli.solve.status import SOLVED, Status
 from eigenode_cli.terms import NAMES, SPECTRAL
 
@@ -170,5 +170,5 @@ def single_step(engine: Engine, theta: Floats, update: Update, rates: Floats, ha
     """`Engine.advance` by one step, for engines that need Python in each."""
     jacobian = engine.loss_jacobian(theta)
     if jacobian.status in SOLVED or not halt:
-        learn(update, theta, jacobian.gradients, rates[0])
+        train_step(update, theta, jacobian.gradients, rates[0], jacobian.status in SOLVED)
     return Advance(jacobian.values[None], np.array([jacobian.status]), jacobian.guard_count)

@@ -1,7 +1,7 @@
 """What keeps a training from the compiled engine. Light: the command line is checked with it."""
 
-SOLVERS = ("tsit5", "dopri5", "rk4")
-"""The methods of `solve.tableau.TABLEAUS`."""
+SOLVERS = ("tsit5", "dopri5", "rk4", "rodas5p", "rosenbrock23", "auto")
+"""The methods of `solve.tableau.TABLEAUS` and `solve.way.STIFF`."""
 
 
 def obstacle(network: str, solver: str | None, jacobian: str) -> str | None:

@@ -19,7 +19,7 @@ class AdaptiveSolver(RungeKutta):
 
     Attributes:
         name: method, as in `solver=`: tsit5 | dopri5 | dopri8 | bosh3 | adaptive_heun | fehlberg2 | rodas5p |
-            rosenbrock23.
+            rosenbrock23 | auto.
         rtol: relative tolerance.
         atol: absolute tolerance, in the units of the states.
         max_steps: attempted steps after which a solve ends with the status `max_steps`.

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from eigenode_cli.arrays import Floats
 
@@ -13,9 +13,11 @@ class Method:
 
     Attributes:
         lr: learning rate.
+        clip: largest norm of an update's gradient, a longer one is shortened to it; None for any.
     """
 
     lr: float = 1e-3
+    clip: float | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ class Optimizer:
 
     Attributes:
         code, options, memory, count: as in `take_update`.
+        limit, clipped, good: as in `engines.update.Update`.
 
     Raises:
         TypeError: there is no such method.
@@ -46,7 +47,8 @@ class Optimizer:
     def __init__(self, method: Method | OwnMethod, parameters: int, schedule: Schedule = CONSTANT) -> None:
         self._method, self._schedule = method, schedule
         self._plateau = np.array([1.0, math.inf, 0.0])
-        self.count = np.zeros(1)
+        self.count, self.clipped, self.good = np.zeros(1), np.zeros(1), np.empty(0)
+        self.limit = method.clip if isinstance(method, Method) and method.clip is not None else math.inf
         if isinstance(method, Adam):
             self.code, names = ADAM, ("first_moment", "second_moment")
             self.options = np.array([method.beta1, method.beta2, method.eps])
@@ -59,6 +61,8 @@ class Optimizer:
             raise TypeError(f"{type(method).__name__}: no such optimizer")
         self.memory = np.zeros((len(names), parameters))
         self._state = dict(zip(names, self.memory, strict=True)) | {"count": self.count, "plateau": self._plateau}
+        if self.limit < math.inf:
+            self._state["clipped"] = self.clipped
 
     def lr(self, step: int) -> float:
         """Return the learning rate of training step `step`; a step may take several updates."""
@@ -79,7 +83,12 @@ class Optimizer:
     @property
     def records(self) -> dict[str, float]:
         """What is recorded of it besides the learning rate, by column."""
-        return {}
+        return {"clipped": float(self.clipped[0])} if self.limit < math.inf else {}
+
+    def keep_good(self) -> None:
+        """Keep the last parameters whose solve succeeded, to go back to them where one fails."""
+        self.good = np.zeros(self.memory.shape[1] + 1)
+        self._state["good"] = self.good
 
     @property
     def convergence(self) -> str | None:
@@ -246,7 +255,11 @@ class OwnOptimizer(SearchOptimizer):
 
 
 def build_optimizer(
-    method: Method | OwnMethod, parameters: int, network: int | None = None, schedule: Schedule = CONSTANT
+    method: Method | OwnMethod,
+    parameters: int,
+    network: int | None = None,
+    schedule: Schedule = CONSTANT,
+    retries: bool = False,
 ) -> Optimizer:
     """Return the optimizer of a method.
 
@@ -255,14 +268,19 @@ def build_optimizer(
         parameters: P.
         network: how many of them, the leading ones, are the network's; None for all.
         schedule: of the learning rate.
+        retries: whether a failed step is retried half as large from the last parameters that could be solved.
     """
     if isinstance(method, AdamBfgs):
-        return AdamBfgsOptimizer(method, parameters, schedule)
-    if isinstance(method, LevenbergMarquardt):
-        return LeastSquaresOptimizer(method, parameters, parameters if network is None else network, schedule)
-    if isinstance(method, OwnMethod):
-        return OwnOptimizer(method, parameters, schedule)
-    return Optimizer(method, parameters, schedule)
+        found: Optimizer = AdamBfgsOptimizer(method, parameters, schedule)
+    elif isinstance(method, LevenbergMarquardt):
+        found = LeastSquaresOptimizer(method, parameters, parameters if network is None else network, schedule)
+    elif isinstance(method, OwnMethod):
+        found = OwnOptimizer(method, parameters, schedule)
+    else:
+        found = Optimizer(method, parameters, schedule)
+    if retries:
+        found.keep_good()
+    return found
 
 
 def build_update(
@@ -285,6 +303,9 @@ def build_update(
         memory=optimizer.memory,
         updates_done=optimizer.count,
         updates=np.empty((factors.size + 1, optimizer.memory.shape[1])),
+        limit=optimizer.limit,
+        clipped=optimizer.clipped,
+        good=optimizer.good,
         held=held,
         kept=np.empty(held.size),
     )

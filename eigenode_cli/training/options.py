@@ -33,6 +33,10 @@ class Stopping:
         return None
 
 
+RETRY = "retry"
+"""What to do when a solve fails: half of the step, from the last parameters that could be solved."""
+
+
 @dataclass(frozen=True)
 class TrainerOptions:
     """Length of a training and what is written.
@@ -41,7 +45,7 @@ class TrainerOptions:
         steps: training steps.
         record_every: steps between records.
         checkpoint_every: steps between checkpoints.
-        on_unsolvable: what to do when a solve fails: stabilise | skip | stop.
+        on_unsolvable: what to do when a solve fails: stabilise | retry | skip | stop.
         keep: which weights are the result: those of the `last` step, or of the `best` record.
         stopping: when to end before the last step.
     """

@@ -1,11 +1,14 @@
 """Where a training stands, and a copy of all that the rest of it depends on."""
 
+import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
 
 from eigenode_cli.arrays import Floats
+from eigenode_cli.console import duration
 
 
 @dataclass
@@ -74,3 +77,15 @@ class Snapshot:
             and all(np.array_equal(array, other.optimizer[name]) for name, array in self.optimizer.items())
             and torch.equal(self.random_state, other.random_state)
         )
+
+
+def summary(row: dict[str, Any], progress: Progress) -> str:
+    """Return the result of a run in one line."""
+    known = [name for name in ("dense_error", "test_error") if not math.isnan(row.get(name, math.nan))]
+    errors = [f"{name.replace('_', ' ')} {row[name]:.4g}" for name in known]
+    parts = [f"sol {row['sol']:.4g}", *errors, f"max real {row['max_real']:.3g} 1/s"]
+    if progress.unsolvable_steps:
+        parts.append(f"{progress.unsolvable_steps} unsolvable steps")
+    if progress.converged_at is not None:
+        parts.append(f"converged at step {progress.converged_at}")
+    return ", ".join(parts) + f" after {progress.step} steps in {duration(progress.train_seconds)}"

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from eigenode_cli.arrays import Floats
-from eigenode_cli.console import Display, duration
+from eigenode_cli.console import Display
 from eigenode_cli.engines.base import Engine, Evaluation
 from eigenode_cli.engines.update import Update
 from eigenode_cli.interruption import check
@@ -18,7 +18,7 @@ from eigenode_cli.solve.status import SOLVED, Status
 from eigenode_cli.training.ending import DIVERGED, FINISHED, RUNNING, SMALLER, STALLED, Ending, judge
 from eigenode_cli.training.least_squares import LeastSquares
 from eigenode_cli.training.optimizers import Optimizer, SearchOptimizer, build_update
-from eigenode_cli.training.options import BEST, TrainerOptions, note_record
+from eigenode_cli.training.options import BEST, RETRY, TrainerOptions, note_record
 from eigenode_cli.training.progress import Progress, Snapshot
 from eigenode_cli.training.stages import Phase
 from eigenode_cli.training.total_loss import Objective, stationary
@@ -29,6 +29,7 @@ BREATH_SECONDS = 0.25
 """About the longest time that an engine trains by itself: meanwhile nobody can interrupt it."""
 
 STABLER = "another seed, or trainer.on_unsolvable=stabilise with stb in grads, may help"
+BACK = f"trainer.on_unsolvable=retry goes back to what could be solved, or {SMALLER}"
 SMOOTHER = "a smaller solver.rtol makes the terms smoother, optimizer=adam needs no smoothness"
 """What the user can do."""
 
@@ -249,7 +250,7 @@ class Trainer:
         here = Objective(phase.engine, phase.scales, phase.trained).at(self.theta)
         status, size = here.jacobian.status, max(here.value, self._size(phase))
         if status not in SOLVED:
-            advice = SMALLER if self.progress.first_sol is not None else STABLER
+            advice = BACK if self.progress.first_sol is not None else STABLER
             self._end(STALLED, f"from step {since} on the solve fails ({status.label}) and no gradient acts; {advice}")
         elif not np.isfinite(here.gradient).all():
             self._end(DIVERGED, f"from step {since} on no gradient is finite; {SMALLER}")
@@ -317,9 +318,7 @@ class Trainer:
         progress, step = self.progress, self.progress.step
         if status in SOLVED:
             if progress.unsolvable_since is not None:
-                self.display.say(
-                    f"step {step}: solvable again after {step - progress.unsolvable_since} steps of stabilisation"
-                )
+                self.display.say(f"step {step}: solvable again after {step - progress.unsolvable_since} steps")
                 progress.unsolvable_since = None
             return
         progress.unsolvable_steps += 1
@@ -335,6 +334,8 @@ class Trainer:
     def _remedy(self, values: Floats) -> str:
         if self.options.on_unsolvable == "skip":
             return "trainer.on_unsolvable=skip leaves the parameters as they are"
+        if self.options.on_unsolvable == RETRY and self.progress.first_sol is not None:
+            return "half of the step is tried, from the last parameters that could be solved"
         if not np.isfinite(values).any():
             return "no spectral term is named in grads, so nothing can stabilise it"
         return "SOL is skipped, the spectral terms go on until it succeeds"
@@ -373,7 +374,12 @@ class Trainer:
 
     def _keep(self, last: dict[str, Any]) -> dict[str, Any]:
         """Put the weights that are asked for into `theta`; returns their record."""
-        best = self.best
+        best, good = self.best, self.optimizer.good
+        if last["status"] != Status.OK.label and good.any() and self.options.keep != BEST:
+            self.theta[:] = good[:-1]
+            self.recorder.checkpoint(self.progress.step, self.network(self.theta))
+            self.display.say("kept: the last weights that could be solved")
+            return self._row(self.engine.evaluate(self.theta, self.dense_times))
         if self.options.keep != BEST or best is None or self.progress.best_step == self.progress.step:
             return last
         self.theta[:] = best
@@ -384,15 +390,3 @@ class Trainer:
 
     def _save(self) -> None:
         self.recorder.save_last(self._committed, self.network(self._committed.theta))
-
-
-def summary(row: dict[str, Any], progress: Progress) -> str:
-    """Return the result of a run in one line."""
-    known = [name for name in ("dense_error", "test_error") if not math.isnan(row.get(name, math.nan))]
-    errors = [f"{name.replace('_', ' ')} {row[name]:.4g}" for name in known]
-    parts = [f"sol {row['sol']:.4g}", *errors, f"max real {row['max_real']:.3g} 1/s"]
-    if progress.unsolvable_steps:
-        parts.append(f"{progress.unsolvable_steps} unsolvable steps")
-    if progress.converged_at is not None:
-        parts.append(f"converged at step {progress.converged_at}")
-    return ", ".join(parts) + f" after {progress.step} steps in {duration(progress.train_seconds)}"

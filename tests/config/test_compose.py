@@ -14,9 +14,9 @@ from eigenode_cli.engines.combine import COMBINATIONS
 from eigenode_cli.errors import UserError
 from eigenode_cli.model.activations import ACTIVATIONS
 from eigenode_cli.model.init import INITS
-from eigenode_cli.solve.rosenbrock import ROSENBROCK
 from eigenode_cli.solve.stability import METHODS
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
+from eigenode_cli.solve.way import STIFF
 from eigenode_cli.terms.errors import ERRORS
 
 VDP = "eigenode_cli.systems:VanDerPol"
@@ -26,7 +26,7 @@ def test_every_shipped_file_is_composed() -> None:
     result = validate(Composer())
     assert result.faults == []
     assert result.files == shipped_files()
-    assert len(result.files) == 54
+    assert len(result.files) == 55
     choices = sum(len(Composer().choices(group)) for group in SCHEMAS)
     protocols_and_systems = 4 + 4 * 4
     records = 3  # those that ship
@@ -49,6 +49,7 @@ def test_the_paper() -> None:
         "name": "adam",
         "lr": 1e-3,
         "beta1": 0.9,
+        "clip": None,
         "beta2": 0.999,
         "eps": 1e-8,
     }
@@ -187,7 +188,7 @@ def test_lists_of_names_are_those_of_the_modules() -> None:
 
 def test_every_solver_config_is_implemented() -> None:
     solvers = {name: compose([f"solver={name}"]).solver for name in Composer().choices("solver") if name != "custom"}
-    assert {name for name, solver in solvers.items() if "rtol" in solver} == {*ADAPTIVE, *ROSENBROCK}
+    assert {name for name, solver in solvers.items() if "rtol" in solver} == {*ADAPTIVE, *STIFF}
     assert {name for name, solver in solvers.items() if "step" in solver} == set(FIXED)
     assert all(name == solver.name for name, solver in solvers.items())
 

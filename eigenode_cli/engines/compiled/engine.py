@@ -321,7 +321,7 @@ class CompiledEngine:
         values, gradients = np.empty(1), np.empty((1, 1))
         solve = (self._core, self._room.steps, NO_STEPS)
         ways, results = (self._codes, True, True), (gradients, states, spectra)
-        update = Update(0, values, 0, values, gradients, values, gradients, self._codes, values)
+        update = Update(0, values, 0, values, gradients, values, gradients, 1.0, values, values, self._codes, values)
         arguments = {
             "advance": (*solve, *ways, update, values, True, values, *results, gradients, self._codes),
             "loss_jacobian": (*solve, *ways, values, *results),

@@ -17,7 +17,7 @@ from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, integrat
 from eigenode_cli.engines.compiled.memory import booleans, carray, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import mirror_weights, unpack_gradient
 from eigenode_cli.engines.compiled.pullback import adjoint, forward_sensitivities
-from eigenode_cli.engines.update import learn
+from eigenode_cli.engines.update import train_step
 from eigenode_cli.jit import njit, njit_inner
 from eigenode_cli.terms.sol import sol
 from eigenode_cli.terms.spectral import COUNT, SOL, spectral_terms
@@ -321,5 +321,5 @@ def advance(
         guarded += integers(core.work.outcome, 0)[GUARDED]
         if halt and status not in (OK, UNSOLVED):
             return k + 1, guarded
-        learn(update, theta, gradients, rates[k])
+        train_step(update, theta, gradients, rates[k], status in (OK, UNSOLVED))
     return rates.size, guarded
