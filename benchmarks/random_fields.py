@@ -2,10 +2,10 @@
 
     python benchmarks/random_fields.py --count 1000 --output benchmarks/random_fields.json
 
-Systems, structures, activations, widths, initial weights and gains of the output are drawn from lists; `modal` is a linear
-part with the modes of the target and glorot beside it. Every run is `eigenode train grads=sol+stb` but for what is drawn.
-A run that ends without one of the statuses of docs/endings.md, with an exception, or after more than `--limit` seconds is
-counted as such, and is a fault.
+Systems, structures, activations, widths, initial weights and gains of the output are drawn from lists; `modal` is a
+linear part with the modes of the target and glorot beside it. Every run is `eigenode train grads=sol+stb` but for
+what is drawn. A run that ends without one of the statuses of docs/endings.md, with an exception, or after more than
+`--limit` seconds is counted as such, and is a fault.
 """
 
 import os

@@ -2,11 +2,12 @@
 
     python benchmarks/stiff.py --seeds 10 --output benchmarks/stiff.json
 
-The data are 121 samples of the Van der Pol oscillator with mu = 100 on its slow branch, t = 0 ... 60 s from (2, 0). The
-field is a network of 16 units beside a linear part that starts with the fast rate there, -3 mu in 1/s, which an engineer
-would state. All three solvers train the same start with least squares at the same tolerance (1e-6). The error is that of
-x at 1,000 times against the truth, with the trained field solved by rodas5p at 1e-9 whatever it was trained with. Times are
-those of a whole call of `en.fit` in the compiled engine, behind a warm-up; runs of the three alternate.
+The data are 121 samples of the Van der Pol oscillator with mu = 100 on its slow branch, t = 0 ... 60 s from (2, 0).
+The field is a network of 16 units beside a linear part that starts with the fast rate there, -3 mu in 1/s, which an
+engineer would state. All three solvers train the same start with least squares at the same tolerance (1e-6). The
+error is that of x at 1,000 times against the truth, with the trained field solved by rodas5p at 1e-9 whatever it was
+trained with. Times are those of a whole call of `en.fit` in the compiled engine, behind a warm-up; runs of the three
+alternate.
 """
 
 import os
