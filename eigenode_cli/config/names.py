@@ -23,7 +23,7 @@ JACOBIANS = ("autodiff", "finite_difference", "symbolic")
 SPECTRA_AT = ("trajectory", "data")
 TARGETS_AT = ("trajectory", "equilibrium")
 EIGENVALUE_COUNTS = ("spectrum", "times")
-STEPPERS = ("euler", "midpoint", "heun3", "tsit5", "dopri5", "rk4")
+STEPPERS = ("euler", "midpoint", "heun3", "tsit5", "dopri5", "bosh3", "adaptive_heun", "rk4")
 SENSITIVITIES = ("auto", "forward", "adjoint")
 
 

@@ -1,6 +1,6 @@
 """What keeps a training from the compiled engine. Light: the command line is checked with it."""
 
-SOLVERS = ("tsit5", "dopri5", "rk4", "rodas5p", "rosenbrock23", "auto")
+SOLVERS = ("tsit5", "dopri5", "bosh3", "adaptive_heun", "rk4", "rodas5p", "rosenbrock23", "auto")
 """The methods of `solve.tableau.TABLEAUS` and `solve.way.STIFF`."""
 
 

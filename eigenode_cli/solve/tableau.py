@@ -192,5 +192,17 @@ _RK4_A = _lower([[], [1 / 3], [-1 / 3, 1.0], [1.0, -1.0, 1.0], [1 / 8, 3 / 8, 3 
 
 RK4 = Tableau(name="rk4", order=4, a=_RK4_A, error=np.zeros(5), dense=_hermite(_RK4_A[-1]))
 
-TABLEAUS: dict[str, Tableau] = {tableau.name: tableau for tableau in (TSIT5, DOPRI5, RK4)}
+# P. Bogacki, L. F. Shampine, A 3(2) pair of Runge-Kutta formulas, Appl. Math. Lett. 2 (1989) 321-325.
+BOSH3 = explicit(
+    "bosh3",
+    3,
+    [[], [1 / 2], [0.0, 3 / 4], [2 / 9, 1 / 3, 4 / 9]],
+    [2 / 9, 1 / 3, 4 / 9, 0.0],
+    [2 / 9 - 7 / 24, 1 / 3 - 1 / 4, 4 / 9 - 1 / 3, -1 / 8],
+)
+
+# Heun's method with Euler's for the error: E. Hairer, S. P. Norsett, G. Wanner, Solving ODEs I, 2nd ed., Sec. II.4.
+ADAPTIVE_HEUN = explicit("adaptive_heun", 2, [[], [1.0]], [1 / 2, 1 / 2], [-1 / 2, 1 / 2])
+
+TABLEAUS: dict[str, Tableau] = {tableau.name: tableau for tableau in (TSIT5, DOPRI5, BOSH3, ADAPTIVE_HEUN, RK4)}
 """The methods that the compiled engine knows."""

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torchdiffeq._impl.adaptive_heun import AdaptiveHeunSolver
-from torchdiffeq._impl.bosh3 import Bosh3Solver
 from torchdiffeq._impl.dopri5 import Dopri5Solver
 from torchdiffeq._impl.dopri8 import Dopri8Solver
 from torchdiffeq._impl.fehlberg2 import Fehlberg2
@@ -22,7 +20,7 @@ from torchdiffeq._impl.rk_common import RKAdaptiveStepsizeODESolver, _ButcherTab
 
 from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
-from eigenode_cli.solve.tableau import TSIT5, Tableau
+from eigenode_cli.solve.tableau import ADAPTIVE_HEUN, BOSH3, TSIT5, Tableau
 
 
 class SolveStopped(Exception):
@@ -153,9 +151,9 @@ def of_tableau(tableau: Tableau) -> type[SteppedSolver]:
 ADAPTIVE: dict[str, type[SteppedSolver]] = {
     "tsit5": of_tableau(TSIT5),
     "dopri5": _stepped(Dopri5Solver),
-    "bosh3": _stepped(Bosh3Solver),
+    "bosh3": of_tableau(BOSH3),
     "dopri8": _stepped(Dopri8Solver),
-    "adaptive_heun": _stepped(AdaptiveHeunSolver),
+    "adaptive_heun": of_tableau(ADAPTIVE_HEUN),
     "fehlberg2": _stepped(Fehlberg2),
 }
 """Adaptive methods by the name that `solver=` takes."""

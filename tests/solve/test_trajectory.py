@@ -69,6 +69,15 @@ def test_dense_output_converges_with_order_4_inside_a_step(name: str) -> None:
     assert math.log2(errors[0] / errors[1]) == pytest.approx(5.0, abs=0.2)
 
 
+def test_bosh3_between_its_steps_is_of_its_order() -> None:
+    errors, end = [], 4.0
+    for count in (32, 64):
+        times = np.linspace(0.0, end, 8 * count + 1)
+        states = frozen(logistic, [0.5], end, count, "bosh3", times.tolist()).states[:, 0].numpy()
+        errors.append(np.abs(states - 1.0 / (1.0 + np.exp(-times))).max())
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(3.0, abs=0.2)
+
+
 @pytest.mark.parametrize("name", ["tsit5", "dopri5", "bosh3", "dopri8"])
 def test_agrees_with_scipy_at_tight_tolerance(name: str) -> None:
     times = np.linspace(0.0, 5.0, 23)
