@@ -69,6 +69,7 @@ def draw_run(folder: Path) -> Drawn:
             for suffix in (".png", ".pdf"):
                 path = plots / f"{name}{suffix}"
                 save(figure, path)
+                figure.set_layout_engine("none")  # found once: both files have the same
                 drawn.paths.append(path)
     return drawn
 
