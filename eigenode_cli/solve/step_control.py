@@ -1,10 +1,17 @@
-"""Steps of one adaptive solve outside of torchdiffeq's framework: their sizes, counts and ends."""
+"""Steps of one adaptive solve: their sizes, counts and ends."""
 
 from dataclasses import dataclass, field
 
 from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
-from eigenode_cli.solve.torchdiffeq_solvers import SolveStopped
+
+
+class SolveStopped(Exception):
+    """Raised inside a solve that cannot go on; `solve` turns it into the status of the trajectory."""
+
+    def __init__(self, status: Status) -> None:
+        super().__init__(status.label)
+        self.status = status
 
 
 @dataclass

@@ -18,17 +18,9 @@ from torchdiffeq._impl.fixed_grid import RK4, Euler, Heun3, Midpoint
 from torchdiffeq._impl.misc import _compute_error_ratio, _rms_norm, _select_initial_step
 from torchdiffeq._impl.rk_common import RKAdaptiveStepsizeODESolver, _ButcherTableau, _RungeKuttaState
 
-from eigenode_cli.solve.control import SMALLEST_RATIO, SMALLEST_STEP, next_step
 from eigenode_cli.solve.status import Status
+from eigenode_cli.solve.step_control import SolveStopped, StepControl
 from eigenode_cli.solve.tableau import ADAPTIVE_HEUN, BOSH3, TSIT5, Tableau
-
-
-class SolveStopped(Exception):
-    """Raised inside a solve that cannot go on; `solve` turns it into the status of the trajectory."""
-
-    def __init__(self, status: Status) -> None:
-        super().__init__(status.label)
-        self.status = status
 
 
 class TableauSolver(RKAdaptiveStepsizeODESolver):
@@ -45,20 +37,12 @@ class SteppedSolver(RKAdaptiveStepsizeODESolver):
     """Mixed in before one of torchdiffeq's adaptive methods: controls, counts and records its steps.
 
     Attributes:
-        end: last output time; the step that would pass it is clipped.
-        max_attempts: accepted and rejected steps after which the solve stops.
-        replay: step sizes to take, each accepted without a question, or None to choose them.
+        control: sizes of the steps, and their counts.
     """
 
-    def prepare(self, end: float, max_attempts: int, replay: list[float] | None) -> None:
+    def prepare(self, control: StepControl) -> None:
         """Set what the constructor of torchdiffeq's classes has no place for."""
-        self.end = end
-        self.max_attempts = max_attempts
-        self.replay = replay
-        self.steps: list[float] = []
-        self.n_rejected = 0
-        self._last_ratio = SMALLEST_RATIO
-        self._last_finite = True
+        self.control = control
         last_row, weights = self.tableau.beta[-1], self.tableau.c_sol
         self._same_as_last = bool(weights[-1] == 0 and torch.equal(weights[:-1], last_row))
 
@@ -75,32 +59,14 @@ class SteppedSolver(RKAdaptiveStepsizeODESolver):
 
     def _adaptive_step(self, rk_state: Any) -> Any:
         y0, f0, _, start, proposed, interp_coeff = rk_state
-        size, clipped = self._step_size(float(start), float(proposed))
+        self.control.proposed = float(proposed)
+        size, clipped = self.control.size(float(start))
         y1, f1, error, k = self._trial(float(start), y0, f0, size)
-        ratio = self._error_ratio(y0, y1, f1, error)
-        following = next_step(size, ratio, self._last_ratio, self.order)
-        if self.replay is None and not ratio <= 1.0:
-            self.n_rejected += 1
-            return _RungeKuttaState(y0, f0, start, start, _scalar(following), interp_coeff)
-        if not self._last_finite:  # only a replayed step gets here: it leads nowhere
-            raise SolveStopped(Status.NON_FINITE)
-        self._last_ratio = max(ratio, SMALLEST_RATIO)
-        self.steps.append(size)
-        end = _scalar(self.end) if clipped else start + size
-        return _RungeKuttaState(y1, f1, start, end, _scalar(following), self._interp_fit(y0, y1, k, _scalar(size)))
-
-    def _step_size(self, start: float, proposed: float) -> tuple[float, bool]:
-        if self.replay is not None:
-            size = self.replay[len(self.steps)]
-            return size, len(self.steps) + 1 == len(self.replay)
-        if len(self.steps) + self.n_rejected >= self.max_attempts:
-            raise SolveStopped(Status.MAX_STEPS)
-        clipped = start + proposed >= self.end
-        size = self.end - start if clipped else proposed
-        # the step as proposed: what clipping leaves at the very end may be as small as rounding makes it
-        if not proposed > SMALLEST_STEP * abs(start) or start + proposed == start:
-            raise SolveStopped(Status.UNDERFLOW if self._last_finite else Status.NON_FINITE)
-        return size, clipped
+        if not self.control.accepts(size, self._error_ratio(y0, y1, f1, error), self.order):
+            return _RungeKuttaState(y0, f0, start, start, _scalar(self.control.proposed), interp_coeff)
+        end = _scalar(self.control.end) if clipped else start + size
+        dense = self._interp_fit(y0, y1, k, _scalar(size))
+        return _RungeKuttaState(y1, f1, start, end, _scalar(self.control.proposed), dense)
 
     def _trial(self, start: float, y0: Tensor, f0: Tensor, size: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         stages = [f0]
@@ -118,11 +84,9 @@ class SteppedSolver(RKAdaptiveStepsizeODESolver):
 
     def _error_ratio(self, y0: Tensor, y1: Tensor, f1: Tensor, error: Tensor) -> float:
         with torch.no_grad():
-            self._last_finite = bool(torch.isfinite(y1).all() and torch.isfinite(f1).all())
+            finite = bool(torch.isfinite(y1).all() and torch.isfinite(f1).all())
             ratio = float(_compute_error_ratio(error, self.rtol, self.atol, y0, y1, self.norm))
-        if not ratio < float("inf"):
-            self._last_finite = False
-        return ratio if self._last_finite else float("inf")
+        return ratio if finite and ratio < float("inf") else float("inf")
 
 
 def _scalar(value: float) -> Tensor:

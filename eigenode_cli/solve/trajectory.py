@@ -15,10 +15,10 @@ from eigenode_cli.solve.drive import Drive, steps_to_knots
 from eigenode_cli.solve.rosenbrock import Attempt, Start
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
-from eigenode_cli.solve.step_control import StepControl
+from eigenode_cli.solve.step_control import SolveStopped, StepControl
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.solve.times import checked_times, fixed_step_count, fixed_steps
-from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, SolveStopped, of_tableau, rms_norm
+from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, of_tableau, rms_norm
 from eigenode_cli.solve.way import STIFF, Way
 
 Field = Callable[..., Tensor]
@@ -208,7 +208,8 @@ def _solve_adaptive(
 ) -> Trajectory:
     method = ADAPTIVE[config.name] if tableau is None else of_tableau(tableau)
     solver = method(func=field, y0=initial_state, rtol=config.rtol, atol=config.atol, norm=rms_norm)
-    solver.prepare(float(times[-1]), config.max_steps, steps)
+    control = StepControl(float(times[-1]), config.max_steps, steps)
+    solver.prepare(control)
     states = [initial_state] * int((times == times[0]).sum())
     status = Status.OK
     try:
@@ -219,7 +220,7 @@ def _solve_adaptive(
             states.append(_interp_evaluate(solver.rk_state.interp_coeff, solver.rk_state.t0, solver.rk_state.t1, time))
     except SolveStopped as stopped:
         status = stopped.status
-    return Trajectory(torch.stack(states), status, len(solver.steps), solver.n_rejected, solver.steps)
+    return Trajectory(torch.stack(states), status, len(control.steps), control.n_rejected, control.steps)
 
 
 def _solve_fixed(
