@@ -146,18 +146,12 @@ def _train(
     if saved is not None:  # a kill leaves run.json alone
         record["wall_seconds"] = max(record["wall_seconds"], saved.progress.wall_seconds)
     theta = setup.theta.copy()
-    optimizer = build_optimizer(
-        build_method(config),
-        theta.size,
-        setup.blocks["network"].stop,
-        build_schedule(config),
-        config.trainer.on_unsolvable == RETRY,
-    )
+    network, retries = setup.blocks["network"].stop, config.trainer.on_unsolvable == RETRY
+    optimizer = build_optimizer(build_method(config), theta.size, network, build_schedule(config), retries)
     dense_times, holdout = dense_grid(setup), holdout_of(setup)
     recorder = build_recorder(setup, folder, dense_times, tuple(optimizer.records))
-    label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
     done = 0 if saved is None else saved.progress.step
-    shown = shown or display(label, done, config.trainer.steps)
+    shown = shown or _display(setup, done)
     trainer = Trainer(
         engine=setup.engine,
         phases=setup.phases,
@@ -191,6 +185,12 @@ def _train(
     if (said := not_stable(setup, record["stability"])) is not None:
         shown.say(said)
     return trainer.ending
+
+
+def _display(setup: Setup, done: int) -> Display:
+    config = setup.config
+    label = f"{config.system.name} {'+'.join(setup.problem.terms)} seed {config.seed}"
+    return display(label, done, config.trainer.steps)
 
 
 def _elapsed(offset: float) -> float:

@@ -53,7 +53,7 @@ WRONG = [
     ("train solver=rk4 solver.rtol=1e-3", "solver.rtol=1e-3: rk4 has no option 'rtol' (it has: step)"),
     (
         "train optimizer=sgd optimizer.beta1=0",
-        "optimizer.beta1=0: sgd has no option 'beta1' (it has: lr, momentum)",
+        "optimizer.beta1=0: sgd has no option 'beta1' (it has: lr, momentum, clip)",
     ),
     ("train network.hiden=[8]", "network.hiden=[8]: mlp has no option 'hiden', did you mean network.hidden?"),
     ("train engine.sensitivity=forward", "engine.sensitivity=forward: auto has no option 'sensitivity' (it has: none)"),

@@ -68,28 +68,41 @@ def integrate(net, drive, method, steps, given_count, given, start, count, times
         if accepted == steps.capacity:
             return FULL, accepted, rejected, reached, switches
         wanted, h, after, ending = _until_knot(drive, t, h, end, ending, jumped, adaptive)
-        order = order_of(method, implicit)
-        if method.kind == BOTH:
-            integers(steps.implicit, accepted)[0] = int(implicit)
+        integers(steps.implicit, accepted)[0] = int(implicit)
         ratio = attempt(net, drive, method, steps, t, h, accepted)
         if ratio <= 1.0 or (not adaptive and ratio < math.inf):
             reached = interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
             doubles(steps.size, 0)[accepted] = h
-            if method.kind == BOTH and h > 0.0:
-                reach, before = h * fastest(net, method, steps, h, accepted), implicit
-                implicit, count_for = switched(implicit, count_for, reach)
-                switches += int(implicit != before)
+            implicit, count_for, changed = _choose(net, method, steps, h, accepted, implicit, count_for)
+            switches += changed
             accepted += 1
             t = after
             accept(n, method, steps)
         else:
             rejected += int(adaptive)  # a given step that fails ends the solve
-        if h < wanted and ratio <= 1.0:  # a step that was cut short says nothing against the size that was wanted
-            h = max(wanted, next_step(h, ratio, last_ratio, order))
-        else:
-            h = next_step(h, ratio, last_ratio, order)
-            last_ratio = max(ratio, SMALLEST_RATIO) if ratio <= 1.0 else last_ratio
+        h, last_ratio = _following(h, wanted, ratio, last_ratio, order_of(method, implicit))
     return OK, accepted, rejected, reached, switches
+
+
+@njit_inner
+def _following(h, wanted, ratio, last_ratio, order):
+    """Size of the next trial in s, and the error ratio to remember, after one of size `h` where `wanted` was asked for.
+
+    A step that was cut short says nothing against the size that was wanted.
+    """
+    size = next_step(h, ratio, last_ratio, order)
+    if ratio <= 1.0 and h < wanted:
+        return max(wanted, size), last_ratio
+    return size, max(ratio, SMALLEST_RATIO) if ratio <= 1.0 else last_ratio
+
+
+@njit_inner
+def _choose(net, method, steps, h, step, implicit, count):
+    """Whether the step behind an accepted one is implicit, `switching.switched`'s count, and 1 if that is a change."""
+    if method.kind != BOTH or not h > 0.0:
+        return implicit, count, 0
+    following, count = switched(implicit, count, h * fastest(net, method, steps, h, step))
+    return following, count, int(following != implicit)
 
 
 @njit_inner
