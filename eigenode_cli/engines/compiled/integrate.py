@@ -68,7 +68,7 @@ def integrate(net, drive, method, steps, given_count, given, start, count, times
         if accepted == steps.capacity:
             return FULL, accepted, rejected, reached, switches
         wanted, h, after, ending = _until_knot(drive, t, h, end, ending, jumped, adaptive)
-        integers(steps.implicit, accepted)[0] = int(implicit)
+        integers(steps.implicit, 0)[accepted] = int(implicit)
         ratio = attempt(net, drive, method, steps, t, h, accepted)
         if ratio <= 1.0 or (not adaptive and ratio < math.inf):
             reached = interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
