@@ -100,7 +100,7 @@ def halve(folder: Path) -> None:
     (folder / LAST).write_bytes(content[: len(content) // 2])
 
 
-SGD = {"name": "sgd", "lr": 0.1, "momentum": 0.9}
+SGD = {"name": "sgd", "lr": 0.1, "momentum": 0.9, "clip": None}
 REFUSED: list[tuple[Damage, str]] = [
     (write("run.json", ""), "run.json: not valid JSON"),
     (write("run.json", "{"), "run.json: not valid JSON"),

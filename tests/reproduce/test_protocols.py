@@ -9,7 +9,8 @@ import pytest
 from eigenode_cli.batch import run
 from eigenode_cli.config.build import gradient_scales
 from eigenode_cli.config.compose import compose, typed
-from eigenode_cli.config.schema import AdamConfig, ExponentialConfig, MlpConfig, SequentialConfig, TrainConfig
+from eigenode_cli.config.optimizer_schema import AdamConfig
+from eigenode_cli.config.schema import ExponentialConfig, MlpConfig, SequentialConfig, TrainConfig
 from eigenode_cli.config.setup import build
 
 ALL = ("sol", "frq", "dmp", "stb", "osc", "stf")

@@ -17,6 +17,7 @@ from eigenode_cli.engines.factory import build_engine
 from eigenode_cli.model import flat_parameters
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver
 from eigenode_cli.solve.stability import METHODS, region_of, stability_polynomial
+from eigenode_cli.solve.torchdiffeq_solvers import FIXED
 from eigenode_cli.solve.trajectory import solve
 from eigenode_cli.terms import NAMES, PAPER_TERMS
 from eigenode_cli.terms.errors import ERRORS
@@ -303,11 +304,11 @@ def test_a_stated_range_is_its_middle_and_half_its_width() -> None:
 def test_a_stability_function_is_what_a_step_does(name: str) -> None:
     """One step of the method on `x' = lambda x` multiplies by R; it is the exponential to the method's order."""
     coefficients = stability_polynomial(name)
-    order = {"euler": 1, "midpoint": 2, "heun3": 3, "rk4": 4}.get(name, 5)
+    order = {"euler": 1, "midpoint": 2, "adaptive_heun": 2, "heun3": 3, "bosh3": 3, "rk4": 4}.get(name, 5)
     expected = [1.0 / math.factorial(k) for k in range(order + 1)]
     np.testing.assert_allclose(coefficients[: order + 1], expected, rtol=1e-12)
     rate, step = -1.7, 0.9
-    config = FixedStepSolver(name, step) if order < 5 else AdaptiveSolver(name, rtol=1.0, atol=1.0)
+    config = FixedStepSolver(name, step) if name in FIXED else AdaptiveSolver(name, rtol=1.0, atol=1.0)
     times, start = torch.tensor([0.0, step], dtype=torch.float64), torch.ones(1, dtype=torch.float64)
     found = solve(lambda x: rate * x, start, times, config, [step]).states[-1, 0]
     assert float(found) == pytest.approx(np.polynomial.Polynomial(coefficients)(rate * step), rel=1e-12)

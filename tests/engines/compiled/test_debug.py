@@ -11,7 +11,7 @@ import pytest
 
 from eigenode_cli.engines.compiled import debug_memory as memory
 from eigenode_cli.engines.compiled.engine import CompiledEngine
-from eigenode_cli.engines.compiled.stepper import Steps
+from eigenode_cli.engines.compiled.method import Steps
 from eigenode_cli.terms import NAMES
 from tests.engines.compiled import oracle
 
@@ -54,7 +54,7 @@ def test_an_element_outside_of_its_buffer_is_an_error_with_its_place(at: int) ->
 
 
 def test_buffers_have_the_names_of_their_fields() -> None:
-    steps = memory.label(Steps(2, memory.Address(np.zeros(2)), *[memory.Address(np.zeros(1))] * 2, *[0] * 6))
+    steps = memory.label(Steps(2, memory.Address(np.zeros(2)), *[memory.Address(np.zeros(1))] * 2, *[0] * 16))
     with pytest.raises(IndexError, match=r"Steps.size: no element 2 \(offset 0, index 2\)"):
         memory.doubles(steps.size, 0)[2] = 1.0
 

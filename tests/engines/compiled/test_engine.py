@@ -396,7 +396,7 @@ def test_mistakes_are_named():
         CompiledEngine(shape, problem, sensitivity="backward")
     with pytest.raises(ValueError, match="4 states"):
         CompiledEngine(shape, oracle.make_problem(4))
-    with pytest.raises(ValueError, match="tsit5, dopri5, rk4"):
+    with pytest.raises(ValueError, match="knows tsit5, dopri5, "):
         CompiledEngine(shape, oracle.make_problem(2, solver=oracle.adaptive("euler")))
     with pytest.raises(ValueError, match="FixedStepSolver"):
         CompiledEngine(shape, oracle.make_problem(2, solver=oracle.FixedStepSolver(name="tsit5", step=0.1)))
