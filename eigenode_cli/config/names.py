@@ -18,6 +18,8 @@ LINEARS = ("none", "zero", "fitted", "modes")
 BLOCKS = ("network", "linear", "initial_state", "offset")
 ERRORS = ("mae", "mse", "huber")
 ON_UNSOLVABLE = ("stabilise", "retry", "skip", "stop")
+STABILISING = ("stabilise", "retry")
+"""Those under which the spectral terms may act where a solve fails."""
 KEPT = ("last", "best")
 JACOBIANS = ("autodiff", "finite_difference", "symbolic")
 SPECTRA_AT = ("trajectory", "data")

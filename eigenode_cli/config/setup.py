@@ -16,7 +16,7 @@ from eigenode_cli.config.build import (
     build_target,
     gradient_scales,
 )
-from eigenode_cli.config.names import training_terms
+from eigenode_cli.config.names import STABILISING, training_terms
 from eigenode_cli.config.schema import CompiledEngineConfig, LeastSquaresConfig, TrainConfig
 from eigenode_cli.config.warm_start import warm_start
 from eigenode_cli.data.dataset import Dataset, Series
@@ -166,7 +166,7 @@ def build_problem(config: TrainConfig, source: Source, series: Series, estimate:
         max_condition=config.eigen.max_condition,
         jacobian=config.eigen.jacobian,
         solver=build_solver(config.solver, time),
-        stabilise=config.trainer.on_unsolvable in ("stabilise", "retry"),
+        stabilise=config.trainer.on_unsolvable in STABILISING,
     )
 
 

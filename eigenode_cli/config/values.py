@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 
-from eigenode_cli.config.names import named_terms, training_terms
+from eigenode_cli.config.names import STABILISING, named_terms, training_terms
 from eigenode_cli.config.outline import Outline, is_table, outline_of
 from eigenode_cli.config.plugins import unresolved
 from eigenode_cli.config.schema import TrainConfig
@@ -226,7 +226,7 @@ def _hidden_states(config: DictConfig) -> Iterator[str]:
         for key, value, applies in (("solve", "false", not stage.solve), ("spectra", "data", stage.spectra == "data")):
             if applies:
                 yield f"stages.{number}.{key}={value}: {reason}"
-    if config.trainer.on_unsolvable in ("stabilise", "retry") and set(training_terms(config)) - {"sol"}:
+    if config.trainer.on_unsolvable in STABILISING and set(training_terms(config)) - {"sol"}:
         yield f"trainer.on_unsolvable={config.trainer.on_unsolvable}: {reason}, or write trainer.on_unsolvable=skip"
     scalings = [key for key in ("input_scaling", "output_scaling") if config.network.get(key) == "max_abs"]
     if scalings and config.network.scaling_from == "data":
@@ -296,7 +296,7 @@ def _stages(config: DictConfig) -> Iterator[str]:
 
 
 def _optimizer(config: DictConfig) -> Iterator[str]:
-    """Least squares has residuals to work with."""
+    """Yield a retry that nothing can use, and what least squares has no residuals for."""
     retried = config.trainer.on_unsolvable == "retry"
     if retried and (config.optimizer.name == "lm" or "target" in config.optimizer):
         yield (

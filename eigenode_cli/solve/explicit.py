@@ -1,5 +1,7 @@
 """Steps of explicit Runge-Kutta methods on tensors, for a solve that changes its method on the way."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -25,13 +27,14 @@ def attempt_explicit(tableau: Tableau, field: Timed, time: Tensor, state: Tensor
 @torch.no_grad()
 def spectral_radius(jacobian: Tensor) -> float:
     """Return an upper estimate of the largest modulus of an eigenvalue, `|J^k|^(1/k)` (Gelfand's formula)."""
-    power, size, scale = jacobian, 1.0, 0.0
-    for i in range(SQUARINGS + 1):
+    power, logarithm, exponent = jacobian, 0.0, 1.0
+    for turn in range(SQUARINGS + 1):
         norm = float(power.abs().sum(dim=1).max())
-        if not 0.0 < norm < float("inf"):
+        if not 0.0 < norm < math.inf:
             return norm
-        scale += float(torch.log(torch.tensor(norm, dtype=torch.float64))) / size
-        power, size = power / norm, size * 2.0
-        if i < SQUARINGS:
+        logarithm += math.log(norm) / exponent
+        exponent *= 2.0
+        if turn < SQUARINGS:
+            power = power / norm
             power = power @ power
-    return float(torch.exp(torch.tensor(scale, dtype=torch.float64)))
+    return math.exp(logarithm)

@@ -6,9 +6,14 @@ Wanner, Solving Ordinary Differential Equations II, 2nd ed., Sec. IV.2. On impli
 """
 
 from eigenode_cli.jit import njit
+from eigenode_cli.solve.rosenbrock_tableau import ROSENBROCK, RosenbrockTableau
+from eigenode_cli.solve.tableau import TABLEAUS, Tableau
 
+AUTO = "auto"
+STIFF = (*ROSENBROCK, AUTO)
+"""The methods with implicit steps by the name that `solver=` takes."""
 EXPLICIT, IMPLICIT = "tsit5", "rodas5p"
-"""The two methods."""
+"""The two methods of `auto`."""
 BORDER = 3.5068
 """End of the explicit method's stability region on the negative real axis."""
 SHARE = 0.9
@@ -19,6 +24,13 @@ OrdinaryDiffEq.jl, https://docs.sciml.ai/OrdinaryDiffEq/)."""
 SQUARINGS = 4
 """Powers of the Jacobian up to 2^4: `|J^16|^(1/16)` is at most a third above the spectral radius where `|J|` is a
 hundred times as large, as in second-order systems, whose states have different units."""
+
+
+def tableaus_of(name: str) -> tuple[Tableau | None, RosenbrockTableau]:
+    """Return the explicit tableau, None where there is none, and the implicit one of a method of `STIFF`."""
+    if name == AUTO:
+        return TABLEAUS[EXPLICIT], ROSENBROCK[IMPLICIT]
+    return None, ROSENBROCK[name]
 
 
 @njit

@@ -16,10 +16,11 @@ from eigenode_cli.solve.rosenbrock import Attempt, Start
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
 from eigenode_cli.solve.status import Status
 from eigenode_cli.solve.step_control import SolveStopped, StepControl
+from eigenode_cli.solve.switching import STIFF
 from eigenode_cli.solve.tableau import Tableau
 from eigenode_cli.solve.times import checked_times, fixed_step_count, fixed_steps
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED, of_tableau, rms_norm
-from eigenode_cli.solve.way import STIFF, Way
+from eigenode_cli.solve.way import Way
 
 Field = Callable[..., Tensor]
 Timed = Callable[..., Tensor]
@@ -36,7 +37,6 @@ class Trajectory:
         status: how the solve ended.
         n_accepted, n_rejected: steps.
         steps: sizes of the accepted steps in s.
-        n_switches: how often it went from one method to another.
     """
 
     states: Tensor
@@ -44,7 +44,6 @@ class Trajectory:
     n_accepted: int
     n_rejected: int
     steps: list[float]
-    n_switches: int = 0
 
     def padded(self, count: int) -> NDArray[np.float64]:
         """Return the states as an array `(count, n)`, NaN where the solve did not arrive."""
@@ -119,7 +118,7 @@ def _solve_driven(
         if status is not Status.OK:
             break
         x = found.states[-1]
-    return Trajectory(torch.stack(states), status, len(sizes), rejected, sizes, way.switches if way else 0)
+    return Trajectory(torch.stack(states), status, len(sizes), rejected, sizes)
 
 
 def _leading(steps: list[float], length: float) -> list[float]:
@@ -166,7 +165,7 @@ def _solve_stiff(
             time, x = end, tried.end
     except SolveStopped as stopped:
         status = stopped.status
-    return Trajectory(torch.stack(states), status, len(control.steps), control.n_rejected, control.steps, way.switches)
+    return Trajectory(torch.stack(states), status, len(control.steps), control.n_rejected, control.steps)
 
 
 @torch.no_grad()

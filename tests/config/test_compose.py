@@ -15,8 +15,8 @@ from eigenode_cli.errors import UserError
 from eigenode_cli.model.activations import ACTIVATIONS
 from eigenode_cli.model.init import INITS
 from eigenode_cli.solve.stability import METHODS
+from eigenode_cli.solve.switching import STIFF
 from eigenode_cli.solve.torchdiffeq_solvers import ADAPTIVE, FIXED
-from eigenode_cli.solve.way import STIFF
 from eigenode_cli.terms.errors import ERRORS
 
 VDP = "eigenode_cli.systems:VanDerPol"

@@ -1,6 +1,7 @@
 """Rosenbrock methods and `auto` in both engines: same steps, same gradients both ways, with and without an input."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,11 +18,9 @@ from eigenode_cli.model.mlp import Mlp
 from eigenode_cli.solve.drive import Drive
 from eigenode_cli.solve.settings import AdaptiveSolver
 from eigenode_cli.solve.status import Status
-from eigenode_cli.solve.way import STIFF
+from eigenode_cli.solve.switching import STIFF
 from tests.engines.compiled import oracle
 from tests.engines.test_residuals import SQUARES
-
-CASES = [(2, "second_order", (7, 5), True, 0), (4, "full", (6,), False, 1), (10, "second_order", (8,), True, 0)]
 
 
 def field_of(n: int, structure: str, hidden: tuple[int, ...], linear: bool, inputs: int, stiff: float) -> VectorField:
@@ -49,18 +48,37 @@ def parameters_of(field: VectorField) -> Floats:
     return np.concatenate([flat_parameters(field), [0.4]])
 
 
+class Case(NamedTuple):
+    """A field and data for it."""
+
+    n: int
+    structure: str
+    hidden: tuple[int, ...]
+    linear: bool
+    inputs: int
+
+    def parts(self, name: str) -> tuple[VectorField, Problem, Floats]:
+        """Return the field, the problem for a solver, and all parameters."""
+        field = field_of(*self, stiff=3.0)
+        return field, problem_of(self.n, self.inputs, name), parameters_of(field)
+
+
+CASES = [
+    Case(2, "second_order", (7, 5), True, 0),
+    Case(4, "full", (6,), False, 1),
+    Case(10, "second_order", (8,), True, 0),
+]
+
+
 @pytest.mark.parametrize("name", STIFF)
-@pytest.mark.parametrize(("n", "structure", "hidden", "linear", "inputs"), CASES)
-def test_both_engines_and_both_ways_agree(
-    n: int, structure: str, hidden: tuple[int, ...], linear: bool, inputs: int, name: str
-) -> None:
-    field, problem = field_of(n, structure, hidden, linear, inputs, 3.0), problem_of(n, inputs, name)
-    theta = parameters_of(field)
+@pytest.mark.parametrize("case", CASES)
+def test_both_engines_and_both_ways_agree(case: Case, name: str) -> None:
+    field, problem, theta = case.parts(name)
     adjoint = CompiledEngine(shape_of(field), problem)
     free, reference = adjoint.loss_jacobian(theta), TorchEngine(field, problem, {})
     wanted = reference.loss_jacobian(theta)
     assert free.status is Status.OK
-    if not inputs:  # the torch engine chooses a first step behind every knot of an input
+    if not case.inputs:  # the torch engine chooses a first step behind every knot of an input
         assert (free.n_accepted, free.n_rejected) == (wanted.n_accepted, wanted.n_rejected)
         np.testing.assert_allclose(free.trajectory, wanted.trajectory, rtol=1e-9, atol=1e-10)
     steps = adjoint.steps
@@ -74,12 +92,10 @@ def test_both_engines_and_both_ways_agree(
 
 
 @pytest.mark.parametrize("name", STIFF)
-@pytest.mark.parametrize(("n", "structure", "hidden", "linear", "inputs"), CASES)
-def test_gradients_are_five_point_differences(
-    n: int, structure: str, hidden: tuple[int, ...], linear: bool, inputs: int, name: str
-) -> None:
-    field, problem = field_of(n, structure, hidden, linear, inputs, 3.0), problem_of(n, inputs, name)
-    theta, engine = parameters_of(field), CompiledEngine(shape_of(field), problem)
+@pytest.mark.parametrize("case", CASES)
+def test_gradients_are_five_point_differences(case: Case, name: str) -> None:
+    field, problem, theta = case.parts(name)
+    engine = CompiledEngine(shape_of(field), problem)
     engine.loss_jacobian(theta)
     steps = engine.steps
     found = engine.loss_jacobian(theta, steps)

@@ -20,13 +20,12 @@ from eigenode_cli.engines.compiled.mlp import MlpShape, Net, build_net, layer_ta
 from eigenode_cli.engines.compiled.owner import Owner
 from eigenode_cli.engines.compiled.spectrum_buffers import build_eigen
 from eigenode_cli.engines.problem import REACH, Problem
-from eigenode_cli.solve import switching
 from eigenode_cli.solve.drive import Drive, steps_to_knots
-from eigenode_cli.solve.rosenbrock_tableau import ROSENBROCK, RosenbrockTableau
+from eigenode_cli.solve.rosenbrock_tableau import RosenbrockTableau
 from eigenode_cli.solve.settings import AdaptiveSolver, FixedStepSolver, Solver
+from eigenode_cli.solve.switching import STIFF, tableaus_of
 from eigenode_cli.solve.tableau import TABLEAUS, Tableau
 from eigenode_cli.solve.times import fixed_steps
-from eigenode_cli.solve.way import AUTO, STIFF
 from eigenode_cli.terms import NAMES
 from eigenode_cli.terms.errors import MSE
 
@@ -106,8 +105,7 @@ def solver_method(owner: Owner, solver: Solver) -> tuple[Method, float]:
     """
     tableau, implicit = TABLEAUS.get(solver.name) if solver.tableau is None else solver.tableau, None
     if solver.name in STIFF:
-        tableau = TABLEAUS[switching.EXPLICIT] if solver.name == AUTO else None
-        implicit = ROSENBROCK[switching.IMPLICIT if solver.name == AUTO else solver.name]
+        tableau, implicit = tableaus_of(solver.name)
     elif tableau is None:
         known = ", ".join((*TABLEAUS, *STIFF))
         raise ValueError(f"solver.name={solver.name}: the compiled engine knows {known}")
@@ -160,7 +158,7 @@ class Room:
             trial=self._owner.floats(net.n),
             error=self._owner.floats(net.n),
             kept=kept,
-            implicit=self._owner.zeros(capacity + 1, np.int64),
+            implicit=self._owner.zeros(capacity, np.int64),
             factors=self._owner.floats(kept, net.n, net.n),
             pivots=self._owner.zeros(kept * net.n, np.int64),
             solved=self._owner.floats(kept, method.stages, net.n),
@@ -198,7 +196,7 @@ def build_core(
     outputs, count = problem.data.times.size, problem.spectral_index.size
     shared = Shared(
         theta=aligned(size),
-        outcome=np.zeros(7, dtype=np.int64),
+        outcome=np.zeros(6, dtype=np.int64),
         slopes=np.zeros(max(terms, len(NAMES)) * 2 * count * n, dtype=np.complex128),
         user_slopes=np.zeros((own_terms, outputs, n)),
     )

@@ -8,9 +8,9 @@ from eigenode_cli.engines.compiled.method import Method
 from eigenode_cli.engines.compiled.mlp import Net
 from eigenode_cli.engines.compiled.spectrum import Eigen
 
-STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED, SWITCHES = range(7)
+STATUS, ACCEPTED, REJECTED, REACHED, SPECTRA, GUARDED = range(6)
 """Entries of `Work.outcome`: how the solve ended, steps, outputs that were reached, spectra that the terms are taken
-over, firings of the guard, changes of the method."""
+over, firings of the guard."""
 
 
 class Setup(NamedTuple):
@@ -92,7 +92,7 @@ class Work(NamedTuple):
         square: value of one term at one spectrum with squares as errors `(1,)`; `squares` their codes `(6,)`.
         partner, match: of the terms `(n,)`.
         channel: number of the channel of each term in the pullback, -1 for none `(L,)`.
-        outcome: see above `(7,)`.
+        outcome: see above `(6,)`.
     """
 
     columns: int

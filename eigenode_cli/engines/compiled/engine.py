@@ -136,7 +136,7 @@ class CompiledEngine:
         run = self._run_split if self._own else self._run_fused
         while run(given, values, gradients, states, spectra) == FULL:
             self._grow()
-        _, accepted, rejected, _, _, guarded, _ = self._shared.outcome.tolist()
+        _, accepted, rejected, _, _, guarded = self._shared.outcome.tolist()
         return LossJacobian(
             values=values,
             gradients=gradients,

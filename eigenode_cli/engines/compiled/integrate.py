@@ -38,7 +38,7 @@ def integrate(net, drive, method, steps, given_count, given, start, count, times
         states: filled with the outputs `(N, n)`, NaN where the solve did not arrive.
 
     Returns:
-        Status or `FULL`, accepted steps, rejected steps, number of outputs that were reached, changes of the method.
+        Status or `FULL`, accepted steps, rejected steps, number of outputs that were reached.
     """
     n = net.n
     x, first = doubles(steps.x, 0), doubles(steps.k, 0)
@@ -46,13 +46,13 @@ def integrate(net, drive, method, steps, given_count, given, start, count, times
     start_drive(drive, times[0])
     evaluate_field(net, x, doubles(steps.record, 0), first)
     if not all_finite(n, first):
-        return NON_FINITE, 0, 0, known, 0
+        return NON_FINITE, 0, 0, known
     t, end = times[0], times[count - 1]
     adaptive = given_count == 0
     h = _initial_step(net, method, steps) if adaptive and t < end else 0.0
     accepted, rejected, reached = np.int64(0), np.int64(0), known  # literals would compile what they enter twice
     last_ratio, ratio = SMALLEST_RATIO, 0.0
-    implicit, count_for, switches = method.kind == IMPLICIT, np.int64(0), np.int64(0)
+    implicit, in_a_row = method.kind == IMPLICIT, np.int64(0)
     while t < end:
         jumped = enter_pieces(drive, t)
         if adaptive:
@@ -64,24 +64,23 @@ def integrate(net, drive, method, steps, given_count, given, start, count, times
             ending = accepted + 1 == given_count
             h = given[accepted]
         if status != OK:
-            return status, accepted, rejected, reached, switches
+            return status, accepted, rejected, reached
         if accepted == steps.capacity:
-            return FULL, accepted, rejected, reached, switches
+            return FULL, accepted, rejected, reached
         wanted, h, after, ending = _until_knot(drive, t, h, end, ending, jumped, adaptive)
         integers(steps.implicit, 0)[accepted] = int(implicit)
         ratio = attempt(net, drive, method, steps, t, h, accepted)
         if ratio <= 1.0 or (not adaptive and ratio < math.inf):
             reached = interpolate(n, method, steps, t, after, h, accepted, reached, count, times, states)
             doubles(steps.size, 0)[accepted] = h
-            implicit, count_for, changed = _choose(net, method, steps, h, accepted, implicit, count_for)
-            switches += changed
+            implicit, in_a_row = _choose(net, method, steps, h, accepted, implicit, in_a_row)
             accepted += 1
             t = after
             accept(n, method, steps)
         else:
             rejected += int(adaptive)  # a given step that fails ends the solve
         h, last_ratio = _following(h, wanted, ratio, last_ratio, order_of(method, implicit))
-    return OK, accepted, rejected, reached, switches
+    return OK, accepted, rejected, reached
 
 
 @njit_inner
@@ -97,12 +96,11 @@ def _following(h, wanted, ratio, last_ratio, order):
 
 
 @njit_inner
-def _choose(net, method, steps, h, step, implicit, count):
-    """Whether the step behind an accepted one is implicit, `switching.switched`'s count, and 1 if that is a change."""
+def _choose(net, method, steps, h, step, implicit, in_a_row):
+    """Whether the step behind an accepted one is implicit, and the count of `switching.switched`."""
     if method.kind != BOTH or not h > 0.0:
-        return implicit, count, 0
-    following, count = switched(implicit, count, h * fastest(net, method, steps, h, step))
-    return following, count, int(following != implicit)
+        return implicit, in_a_row
+    return switched(implicit, in_a_row, h * fastest(net, method, steps, h, step))
 
 
 @njit_inner

@@ -12,7 +12,7 @@ from eigenode_cli.engines.compiled.algebra import any_nonzero, clear, copy
 from eigenode_cli.engines.compiled.bars import gather_rows
 from eigenode_cli.engines.compiled.blocks import pull_back_spectra, take_block
 from eigenode_cli.engines.compiled.channels import add_offsets, pull_back_rates, show_channels
-from eigenode_cli.engines.compiled.core import ACCEPTED, GUARDED, REACHED, REJECTED, SPECTRA, STATUS, SWITCHES
+from eigenode_cli.engines.compiled.core import ACCEPTED, GUARDED, REACHED, REJECTED, SPECTRA, STATUS
 from eigenode_cli.engines.compiled.integrate import FULL, OK, UNSOLVED, integrate
 from eigenode_cli.engines.compiled.memory import booleans, carray, complexes, doubles, integers, shift, start_of
 from eigenode_cli.engines.compiled.mlp import mirror_weights, unpack_gradient
@@ -43,9 +43,9 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     setup, outcome = core.setup, integers(core.work.outcome, 0)
     mirror_weights(core.net)
     times, start, trajectory = doubles(setup.times, 0), _initial_state(core), start_of(states)
-    status, accepted, rejected, reached, switches = UNSOLVED, 0, 0, 0, 0
+    status, accepted, rejected, reached = UNSOLVED, 0, 0, 0
     if setup.solved:
-        status, accepted, rejected, reached, switches = integrate(
+        status, accepted, rejected, reached = integrate(
             core.net,
             core.drive,
             core.method,
@@ -60,7 +60,7 @@ def forward(core, steps, given, codes, vectors, values, states, spectra):
     else:
         states[:, :] = math.nan
     outcome[STATUS], outcome[ACCEPTED], outcome[REJECTED], outcome[REACHED] = status, accepted, rejected, reached
-    outcome[SPECTRA], outcome[GUARDED], outcome[SWITCHES] = 0, 0, switches
+    outcome[SPECTRA], outcome[GUARDED] = 0, 0
     if _spectra_are_wanted(codes):
         _take_spectra(core, status, reached, trajectory, vectors, spectra)
     else:

@@ -78,7 +78,7 @@ class Steps(NamedTuple):
         k: derivatives at the stages of one step `(stages, n)`.
         x, trial, error: states of one step `(n,)`.
         kept: implicit steps that there is room for: the capacity, or 1.
-        implicit: whether each step is `(capacity + 1,)`; of methods of both kinds only.
+        implicit: whether each step is `(capacity,)`.
         factors, pivots: of the matrix of each step `(kept, n, n)`, `(kept, n)`.
         solved: stages of each step `(kept, stages, n)`; slope: of the inputs in it `(kept, k)`.
         rate: a derivative `(n,)`.
@@ -109,11 +109,9 @@ class Steps(NamedTuple):
 
 
 @njit_inner
-def is_implicit(method, steps, step):
+def is_implicit(steps, step):
     """Whether a step is one of the implicit method."""
-    if method.kind == BOTH:
-        return integers(steps.implicit, step)[0] != 0
-    return method.kind == IMPLICIT
+    return integers(steps.implicit, step)[0] != 0
 
 
 @njit_inner

@@ -32,7 +32,7 @@ def attempt(net, drive, method, steps, t, h, step):
     """
     n, last = net.n, method.explicit.stages - 1
     x, trial, error, k = doubles(steps.x, 0), doubles(steps.trial, 0), doubles(steps.error, 0), doubles(steps.k, 0)
-    if is_implicit(method, steps, step):
+    if is_implicit(steps, step):
         last = method.implicit.stages - 1
         if not attempt_rosenbrock(net, drive, method, steps, t, h, step):
             return math.inf
@@ -57,7 +57,7 @@ def order_of(method, implicit):
 @njit_inner
 def fastest(net, method, steps, h, step):
     """Estimate the largest modulus of the spectrum in 1/s on the step that was tried last."""
-    if is_implicit(method, steps, step):
+    if is_implicit(steps, step):
         return fastest_rosenbrock(net, steps)
     return fastest_explicit(net, method, steps, h)
 
@@ -69,7 +69,7 @@ def interpolate(n, method, steps, t, after, h, step, output, count, times, state
     The weights that the pullback needs go to `steps`. Returns the number of the first output behind the step.
     """
     stages, dense = method.explicit.stages, doubles(method.explicit.dense, 0)
-    if is_implicit(method, steps, step):
+    if is_implicit(steps, step):
         stages, dense = method.implicit.stages, doubles(method.implicit.dense, 0)
     while output < count and times[output] <= after:
         fraction = (times[output] - t) / h
@@ -101,7 +101,7 @@ def pull_back_step(net, method, steps, bars, channels, step):
     `bars.start` and `bars.stage_rates` hold what the outputs in the step put there, `bars.carried` the cotangent of the
     derivative at its end, and the place of stage 0 in `bars.stage_states`, which no stage reads, that of its state.
     """
-    if is_implicit(method, steps, step):
+    if is_implicit(steps, step):
         pull_back_rosenbrock(net, method, steps, bars, channels, step)
     else:
         pull_back_explicit(net, method, steps, bars, channels, step)
@@ -118,7 +118,7 @@ def start_push(net, steps, bars):
 @njit_inner
 def push_step(net, method, steps, bars, step):
     """Carry the sensitivities from the start of a recorded step through its stages to its end."""
-    if is_implicit(method, steps, step):
+    if is_implicit(steps, step):
         push_rosenbrock(net, method, steps, bars, step)
     else:
         push_explicit(net, method, steps, bars, step)
