@@ -46,7 +46,7 @@ class Kernels:
 
     def _compile(self, signatures: Mapping[str, tuple[Any, ...]]) -> None:
         if missing := not_ready(kernels, signatures):
-            self._announce("compiling the engine, once for this environment (one to two minutes)")
+            self._announce("compiling the engine, once for this environment (a few minutes)")
             if fault := compile_apart(missing):
                 self._announce(f"compiling it within this run, as it failed in a process of its own: {fault}")
         for name, signature in signatures.items():
